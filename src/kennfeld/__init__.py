@@ -1,0 +1,1 @@
+"""Kennfeld calibrates physics-based sensor models of engine control units."""

@@ -1,0 +1,163 @@
+"""Measurements: channels of equal length, with or without time, in one or more pieces."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
+from kennfeld.errors import ArgumentError, nearest
+
+__all__ = ["Channel", "Dataset", "Use", "concatenate"]
+
+Use = Literal["training", "test"]
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One recorded quantity; NaN marks a sample without a value."""
+
+    name: str
+    values: Float  # Float[samples]
+    unit: str = ""
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        values = readonly(self.values)
+        if values.ndim != 1:
+            raise ArgumentError(f"channel {self.name} must be one list of numbers, not of shape {values.shape}")
+        object.__setattr__(self, "values", values)
+
+    def __len__(self) -> int:
+        return self.values.size
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset(Mapping[str, Channel]):
+    """Channels over the same samples.
+
+    `time` is in seconds and increases within each piece; without it the samples are steady-state points.
+    `starts` holds the first sample of each piece; a model's states start anew there.
+    `scored` marks the samples that count; the others are simulated only.
+    Raises `ArgumentError` where lengths differ or time does not increase.
+
+    >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
+    >>> data.samples, data["Speed"].unit
+    (2, 'rpm')
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    time: Float | None = None  # Float[samples]
+    starts: Int = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # Int[pieces]
+    weight: float = 1.0
+    use: Use = "training"
+    scored: Bool | None = None  # Bool[samples]
+
+    def __post_init__(self) -> None:
+        by_name: dict[str, Channel] = {}
+        for channel in self.channels:
+            if channel.name in by_name:
+                raise ArgumentError(f"dataset {self.name} has channel {channel.name} twice")
+            by_name[channel.name] = channel
+        object.__setattr__(self, "_by_name", by_name)
+        lengths = {len(channel) for channel in self.channels}
+        if len(lengths) > 1:
+            sizes = ", ".join(f"{c.name} {len(c)}" for c in self.channels[:6])
+            raise ArgumentError(f"channels of dataset {self.name} differ in length: {sizes}")
+        if not (self.weight >= 0 and np.isfinite(self.weight)):
+            raise ArgumentError(f"weight={self.weight} of dataset {self.name} must be a number from 0 on")
+        starts = np.asarray(self.starts, dtype=np.int64)
+        if starts.size == 0 or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > max(self.samples - 1, 0):
+            raise ArgumentError(
+                f"starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
+            )
+        object.__setattr__(self, "starts", starts)
+        if self.time is not None:
+            self._check_time(readonly(self.time))
+        if self.scored is not None and np.asarray(self.scored).shape != (self.samples,):
+            raise ArgumentError(f"scored of dataset {self.name} must have one entry a sample, {self.samples}")
+
+    def _check_time(self, time: Float) -> None:
+        if time.shape != (self.samples,):
+            raise ArgumentError(
+                f"time of dataset {self.name} has shape {time.shape}, its channels have {self.samples} samples"
+            )
+        steps = np.diff(time)
+        steps[self.starts[1:] - 1] = 1.0
+        bad = np.flatnonzero(~(steps > 0))
+        if bad.size:
+            k = int(bad[0])
+            raise ArgumentError(
+                f"time of dataset {self.name} does not increase at sample {k + 1}: {time[k]:g} s, then {time[k + 1]:g} s"
+            )
+        object.__setattr__(self, "time", time)
+
+    @classmethod
+    def of(
+        cls, name: str, columns: Mapping[str, ArrayLike], *, units: Mapping[str, str] | None = None, **attributes: Any
+    ) -> Self:
+        """A dataset from named columns (a dict of arrays, or a pandas DataFrame)."""
+        units = units or {}
+        channels = tuple(Channel(str(c), np.asarray(columns[c], dtype=np.float64), units.get(c, "")) for c in columns)
+        return cls(name, channels, **attributes)
+
+    @property
+    def samples(self) -> int:
+        """How many samples every channel has."""
+        return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
+
+    @property
+    def pieces(self) -> Sequence[slice]:
+        """The samples of each piece."""
+        ends = [*self.starts[1:].tolist(), self.samples]
+        return [slice(int(a), int(b)) for a, b in zip(self.starts, ends, strict=True)]
+
+    def with_channels(self, *added: Channel) -> Self:
+        """The same dataset with channels added, or replaced where the name is taken."""
+        by_name = {channel.name: channel for channel in (*self.channels, *added)}
+        return replace(self, channels=tuple(by_name.values()))
+
+    def select(self, samples: ArrayLike) -> Self:
+        """The samples of a steady-state dataset that an index array or a mask picks, in that order."""
+        if self.time is not None:
+            raise ArgumentError(
+                f"dataset {self.name} has time stamps; samples of steady-state data alone can be picked"
+            )
+        chosen = np.asarray(samples)
+        channels = tuple(replace(c, values=c.values[chosen]) for c in self.channels)
+        scored = None if self.scored is None else self.scored[chosen]
+        return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored)
+
+    def __getitem__(self, name: str) -> Channel:
+        by_name: dict[str, Channel] = self.__dict__["_by_name"]
+        if name not in by_name:
+            raise KeyError(f"{name} is no channel of dataset {self.name}. {nearest(name, by_name)}".strip())
+        return by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.__dict__["_by_name"])
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+
+def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
+    """One dataset of several recordings, each a piece of its own, over the channels they all have.
+
+    Time stamps stay as recorded; either all parts have them or none.
+    """
+    if not parts:
+        raise ArgumentError(f"dataset {name} needs at least one recording")
+    if len({part.time is None for part in parts}) > 1:
+        raise ArgumentError(f"dataset {name} mixes recordings with and without time stamps")
+    shared = [channel for channel in parts[0].channels if all(channel.name in part for part in parts)]
+    channels = tuple(replace(c, values=np.concatenate([part[c.name].values for part in parts])) for c in shared)
+    offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])
+    starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets, strict=True)])
+    time = None if parts[0].time is None else np.concatenate([p.time for p in parts if p.time is not None])
+    scored = None
+    if any(part.scored is not None for part in parts):
+        scored = np.concatenate([np.ones(p.samples, bool) if p.scored is None else p.scored for p in parts])
+    return Dataset(name, channels, time, starts, parts[0].weight, parts[0].use, scored)

@@ -1,0 +1,68 @@
+"""What can go wrong, as one small tree.
+
+    KennfeldError
+    ├── InputError       a file, a formula or a project is wrong; carries every finding at once
+    └── ArgumentError    the Python API was called with an unusable argument (also a ValueError)
+
+A fit that does not converge is no exception: it is a `Result` whose status says so.
+"""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["ArgumentError", "Finding", "InputError", "KennfeldError", "nearest"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One problem of an input: where it is, what it is, how to mend it.
+
+    >>> print(Finding("torque.kf line 4", "MapOptTorqe is no parameter", "Did you mean MapOptTorque?"))
+    torque.kf line 4: MapOptTorqe is no parameter. Did you mean MapOptTorque?
+    """
+
+    place: str
+    what: str
+    mend: str = ""
+    excerpt: str = ""
+    severity: Literal["error", "warning"] = "error"
+
+    def __str__(self) -> str:
+        what = self.what if not self.mend or self.what.endswith((".", "?", "!")) else self.what + "."
+        line = " ".join(part for part in (what, self.mend) if part)
+        return f"{self.place}: {line}" if self.place else line
+
+
+class KennfeldError(Exception):
+    """Root of everything that Kennfeld raises on purpose."""
+
+
+class InputError(KennfeldError):
+    """Wrong input; `findings` holds every problem that was found, in the order of the input."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        self.findings = tuple(findings)
+        super().__init__("\n".join(str(finding) for finding in self.findings))
+
+    @classmethod
+    def of(cls, place: str, what: str, mend: str = "", excerpt: str = "") -> "InputError":
+        """The error with a single finding."""
+        return cls([Finding(place, what, mend, excerpt)])
+
+
+class ArgumentError(KennfeldError, ValueError):
+    """An argument that cannot be used; the text names it and its value."""
+
+
+def nearest(name: str, candidates: Iterable[str]) -> str:
+    """A question that offers the most similar name, or an empty string.
+
+    >>> nearest("Sped", ["Speed", "Load"])
+    'Did you mean Speed?'
+    """
+    names = list(candidates)
+    folded = {candidate.casefold(): candidate for candidate in names}
+    found = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.6)
+    return f"Did you mean {folded[found[0]]}?" if found else ""

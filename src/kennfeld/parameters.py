@@ -1,0 +1,380 @@
+"""What is calibrated: scalars, value blocks, curves, maps and cubes, and sets of them.
+
+All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpoint j.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from kennfeld.arrays import ArrayLike, Bool, Float, readonly
+from kennfeld.errors import ArgumentError, nearest
+
+__all__ = [
+    "Axis",
+    "Block",
+    "Cube",
+    "Curve",
+    "Extrapolation",
+    "Map",
+    "Parameter",
+    "ParameterSet",
+    "Scalar",
+    "Text",
+    "parameter",
+    "use_writer",
+]
+
+Extrapolation = Literal["clip", "linear"]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Axis:
+    """Breakpoints of one direction of a table, strictly increasing.
+
+    `name` is set for a group axis, which several tables share; `input` names the quantity on the axis.
+
+    >>> Axis([700, 1000, 1500], input="Speed", unit="rpm").breakpoints
+    array([ 700., 1000., 1500.])
+    """
+
+    breakpoints: Float  # Float[points]
+    input: str = ""
+    unit: str = ""
+    name: str = ""
+
+    def __init__(self, breakpoints: ArrayLike, input: str = "", unit: str = "", name: str = "") -> None:  # noqa: A002
+        for attribute, given in (("input", input), ("unit", unit), ("name", name)):
+            object.__setattr__(self, attribute, given)
+        points = readonly(np.atleast_1d(np.asarray(breakpoints, dtype=np.float64)))
+        if points.ndim != 1 or points.size == 0:
+            raise ArgumentError(
+                f"breakpoints of axis {self.label} must be a list of numbers, not of shape {points.shape}"
+            )
+        if not np.all(np.isfinite(points)):
+            raise ArgumentError(f"breakpoints of axis {self.label} must be finite: {points.tolist()}")
+        falling = np.flatnonzero(np.diff(points) <= 0)
+        if falling.size:
+            at = int(falling[0])
+            raise ArgumentError(
+                f"breakpoints of axis {self.label} must increase: "
+                f"number {at + 2} ({points[at + 1]:g}) does not exceed number {at + 1} ({points[at]:g})"
+            )
+        object.__setattr__(self, "breakpoints", points)
+
+    @property
+    def label(self) -> str:
+        """The axis' name, or what lies on it."""
+        return self.name or self.input or "without a name"
+
+    def __len__(self) -> int:
+        return self.breakpoints.size
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Axis):
+            return NotImplemented
+        same = (self.input, self.unit, self.name) == (other.input, other.unit, other.name)
+        return same and np.array_equal(self.breakpoints, other.breakpoints)
+
+    def __hash__(self) -> int:
+        return hash((self.breakpoints.tobytes(), self.name))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Parameter:
+    """A calibratable quantity: an array of values over zero to four axes.
+
+    Bounds and locks have the shape of `values`; a single number is spread over it.
+    Raises `ArgumentError` where shapes, bounds or axes contradict each other.
+    """
+
+    kind: ClassVar[str] = ""
+
+    name: str
+    values: Float
+    axes: tuple[Axis, ...] = ()
+    unit: str = ""
+    description: str = ""
+    lower: Float = field(default_factory=lambda: np.array(-np.inf), repr=False)
+    upper: Float = field(default_factory=lambda: np.array(np.inf), repr=False)
+    locked: Bool = field(default_factory=lambda: np.array(False), repr=False)
+    extrapolation: Extrapolation = "clip"
+
+    def __post_init__(self) -> None:
+        values = readonly(self.values)
+        shape = self._expected_shape(values)
+        if values.shape != shape:
+            raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes ask for {shape}")
+        object.__setattr__(self, "values", values)
+        for side in ("lower", "upper"):
+            object.__setattr__(self, side, self._spread(side, np.float64))
+        object.__setattr__(self, "locked", self._spread("locked", np.bool_))
+        crossed = np.argwhere(~(self.lower <= self.upper))
+        if crossed.size:
+            at = tuple(crossed[0])
+            raise ArgumentError(
+                f"{self.name}{_subscript(at)} has the lower bound {self.lower[at]:g} "
+                f"above its upper bound {self.upper[at]:g}"
+            )
+
+    def _expected_shape(self, values: Float) -> tuple[int, ...]:
+        return tuple(len(axis) for axis in self.axes)
+
+    def _spread(self, attribute: str, dtype: type[np.generic]) -> Any:
+        given = np.asarray(getattr(self, attribute), dtype=dtype)
+        try:
+            spread = np.broadcast_to(given, self.values.shape)
+        except ValueError:
+            message = f"{attribute} of {self.name} has shape {given.shape}, its values have {self.values.shape}"
+            raise ArgumentError(message) from None
+        return spread
+
+    @property
+    def size(self) -> int:
+        """How many values it holds."""
+        return self.values.size
+
+    @property
+    def index_axes(self) -> tuple[Axis, ...]:
+        """The axes a lookup searches: the own ones, or the positions 0, 1, ... of a value block."""
+        return self.axes
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """The same parameter holding other values of the same shape."""
+        return self.changed(values=np.asarray(values, dtype=np.float64).reshape(self.values.shape))
+
+    def with_bounds(self, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> Self:
+        """The same parameter within other bounds, each a number or an array of its shape."""
+        return self.changed(lower=np.asarray(lower, float), upper=np.asarray(upper, float))
+
+    def changed(self, **changes: Any) -> Self:
+        """The same parameter with some of its attributes replaced."""
+        made = object.__new__(type(self))
+        Parameter.__init__(made, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        return made
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Parameter):
+            return NotImplemented
+        plain = ("kind", "name", "axes", "unit", "description", "extrapolation")
+        arrays = ("values", "lower", "upper", "locked")
+        return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
+            np.array_equal(getattr(self, a), getattr(other, a), equal_nan=a == "values") for a in arrays
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.name, self.values.tobytes()))
+
+
+def _subscript(at: tuple[int, ...]) -> str:
+    return f"[{', '.join(str(int(i)) for i in at)}]" if at else ""
+
+
+class Scalar(Parameter):
+    """One number.
+
+    >>> Scalar("Kp", 0.08, unit="-").value
+    0.08
+    """
+
+    kind: ClassVar[str] = "scalar"
+
+    def __init__(self, name: str, value: ArrayLike, **attributes: Any) -> None:
+        super().__init__(name=name, values=np.asarray(value, dtype=np.float64), **attributes)
+
+    @property
+    def value(self) -> float:
+        """The number itself."""
+        return float(self.values)
+
+
+class Block(Parameter):
+    """A value block: numbers without axes. A formula reads it by position, counted from 0."""
+
+    kind: ClassVar[str] = "block"
+
+    def __init__(self, name: str, values: ArrayLike, **attributes: Any) -> None:
+        super().__init__(name=name, values=np.asarray(values, dtype=np.float64), **attributes)
+
+    def _expected_shape(self, values: Float) -> tuple[int, ...]:
+        if values.ndim == 0 or values.ndim > 4:
+            raise ArgumentError(f"value block {self.name} needs one to four dimensions, not {values.ndim}")
+        return values.shape
+
+    @property
+    def index_axes(self) -> tuple[Axis, ...]:
+        return tuple(Axis(np.arange(count)) for count in self.values.shape)
+
+
+class Curve(Parameter):
+    """Values over one axis, interpolated linearly.
+
+    >>> Curve("Eta", [0, 10, 20], [1.0, 0.95, 0.8]).values
+    array([1.  , 0.95, 0.8 ])
+    """
+
+    kind: ClassVar[str] = "curve"
+
+    def __init__(self, name: str, x: Axis | ArrayLike, values: ArrayLike, **attributes: Any) -> None:
+        super().__init__(name=name, axes=(_axis(x),), values=np.asarray(values, dtype=np.float64), **attributes)
+
+
+class Map(Parameter):
+    """Values over two axes, interpolated bilinearly; `values[i, j]` is at x[i], y[j]."""
+
+    kind: ClassVar[str] = "map"
+
+    def __init__(
+        self, name: str, x: Axis | ArrayLike, y: Axis | ArrayLike, values: ArrayLike, **attributes: Any
+    ) -> None:
+        super().__init__(
+            name=name, axes=(_axis(x), _axis(y)), values=np.asarray(values, dtype=np.float64), **attributes
+        )
+
+
+class Cube(Parameter):
+    """Values over three or four axes, interpolated multilinearly."""
+
+    kind: ClassVar[str] = "cube"
+
+    def __init__(self, name: str, axes: Iterable[Axis | ArrayLike], values: ArrayLike, **attributes: Any) -> None:
+        made = tuple(_axis(axis) for axis in axes)
+        if len(made) not in (3, 4):
+            raise ArgumentError(f"cube {name} needs 3 or 4 axes, not {len(made)}")
+        super().__init__(name=name, axes=made, values=np.asarray(values, dtype=np.float64), **attributes)
+
+
+def _axis(given: Axis | ArrayLike) -> Axis:
+    return given if isinstance(given, Axis) else Axis(np.asarray(given, dtype=np.float64))
+
+
+@dataclass(frozen=True)
+class Text:
+    """A parameter that holds text; it is carried through, never calibrated."""
+
+    kind: ClassVar[str] = "text"
+
+    name: str
+    text: str
+    description: str = ""
+
+
+_KINDS: tuple[type[Parameter], ...] = (Scalar, Curve, Map, Cube, Cube)
+
+
+def parameter(name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attributes: Any) -> Parameter:
+    """The scalar, curve, map or cube that has these axes.
+
+    >>> parameter("K", 2.0).kind, parameter("C", [1, 2], [Axis([0, 1])]).kind
+    ('scalar', 'curve')
+    """
+    made = tuple(axes)
+    if len(made) >= len(_KINDS):
+        raise ArgumentError(f"{name} has {len(made)} axes; tables have at most 4")
+    table = object.__new__(_KINDS[len(made)])
+    Parameter.__init__(table, name=name, values=np.asarray(values, dtype=np.float64), axes=made, **attributes)
+    return table
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSet(Mapping[str, Parameter]):
+    """Parameters by name, in a fixed order, with the texts that belong to them.
+
+    A group axis (an axis with a name) has the same breakpoints in every table that uses it;
+    `ArgumentError` where two tables disagree or a name occurs twice.
+
+    >>> values = ParameterSet([Scalar("Kp", 0.08), Scalar("Ki", 0.046)])
+    >>> values["Kp"].value, list(values)
+    (0.08, ['Kp', 'Ki'])
+    """
+
+    parameters: tuple[Parameter, ...] = ()
+    texts: tuple[Text, ...] = ()
+    axes: tuple[Axis, ...] = ()  # group axes, those without a table included
+
+    def __init__(
+        self, parameters: Iterable[Parameter] = (), texts: Iterable[Text] = (), axes: Iterable[Axis] = ()
+    ) -> None:
+        members, notes = tuple(parameters), tuple(texts)
+        by_name: dict[str, Parameter] = {}
+        for member in members:
+            if member.name in by_name:
+                raise ArgumentError(f"parameter {member.name} is given twice")
+            by_name[member.name] = member
+        object.__setattr__(self, "parameters", members)
+        object.__setattr__(self, "texts", notes)
+        object.__setattr__(self, "axes", _group_axes(members, axes))
+        object.__setattr__(self, "_by_name", by_name)
+
+    def __getitem__(self, name: str) -> Parameter:
+        by_name: dict[str, Parameter] = self.__dict__["_by_name"]
+        if name not in by_name:
+            raise KeyError(f"{name} is no parameter of this set. {nearest(name, by_name)}".strip())
+        return by_name[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.__dict__["_by_name"]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.__dict__["_by_name"])
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ParameterSet):
+            return NotImplemented
+        return self.parameters == other.parameters and self.texts == other.texts and self.axes == other.axes
+
+    def __hash__(self) -> int:
+        return hash((self.parameters, self.texts))
+
+    def merged(self, other: "ParameterSet") -> "ParameterSet":
+        """This set with the members of `other` replacing those of the same name and following the rest."""
+        members = dict(zip(self, self.parameters, strict=True)) | dict(zip(other, other.parameters, strict=True))
+        texts = {text.name: text for text in (*self.texts, *other.texts)}
+        used = {axis.name for member in members.values() for axis in member.axes}
+        spare = {axis.name: axis for axis in (*self.axes, *other.axes) if axis.name not in used}
+        return ParameterSet(members.values(), texts.values(), spare.values())
+
+    def with_parameters(self, *changed: Parameter) -> "ParameterSet":
+        """This set with some parameters replaced or added."""
+        return self.merged(ParameterSet(changed))
+
+    def select(self, names: Iterable[str]) -> "ParameterSet":
+        """The named parameters alone, in the order of `names`."""
+        return ParameterSet([self[name] for name in names])
+
+    def save(self, path: str | Path) -> None:
+        """Write the set to a calibration file; the ending (`.dcm`, `.json`, ...) chooses the format."""
+        if _writer is None:
+            raise ArgumentError("no calibration format is registered")
+        _writer(self, Path(path))
+
+
+def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[Axis, ...]:
+    groups: dict[str, Axis] = {}
+    users: dict[str, str] = {}
+    for axis, user in [(axis, m.name) for m in members for axis in m.axes] + [(axis, "the set") for axis in spare]:
+        if not axis.name:
+            continue
+        first = groups.setdefault(axis.name, axis)
+        users.setdefault(axis.name, user)
+        if not np.array_equal(first.breakpoints, axis.breakpoints):
+            raise ArgumentError(
+                f"group axis {axis.name} has other breakpoints in {user} than in {users[axis.name]}: "
+                f"{axis.breakpoints.tolist()} against {first.breakpoints.tolist()}"
+            )
+    return tuple(groups.values())
+
+
+_writer: Callable[[ParameterSet, Path], None] | None = None
+
+
+def use_writer(writer: Callable[[ParameterSet, Path], None]) -> None:
+    """Tell the domain types how sets are written; the formats live on a floor above."""
+    global _writer
+    _writer = writer
