@@ -1,0 +1,102 @@
+"""Linear interpolation in tables, exact and smoothed, in numpy: the definition that native code is tested against."""
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from scipy.special import ndtr
+
+from kennfeld.arrays import Float
+from kennfeld.parameters import Extrapolation
+
+__all__ = ["cell_weights", "density", "interpolate", "position", "smooth_weights", "table_weights"]
+
+WINDOW = 4.0  # the smoothing kernel is cut off at so many standard deviations
+
+
+def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:
+    """Index of the cell that holds x, plus the fraction within it: 2.25 is a quarter past breakpoint 2.
+
+    >>> position(np.array([5.0, 12.5]), np.array([0.0, 10.0, 20.0]), "clip")
+    array([0.5 , 1.25])
+    """
+    last = breakpoints.size - 1
+    if last == 0:
+        return x * 0.0
+    cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
+    fraction = (x - breakpoints[cell]) / (breakpoints[cell + 1] - breakpoints[cell])
+    place = cell + fraction
+    return np.clip(place, 0.0, float(last)) if extrapolation == "clip" else place
+
+
+def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:
+    """Slope of `position`: one over the width of the cell, 0 where x is clipped."""
+    last = breakpoints.size - 1
+    if last == 0:
+        return np.zeros_like(x)
+    cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
+    slope = 1.0 / (breakpoints[cell + 1] - breakpoints[cell])
+    inside = (x >= breakpoints[0]) & (x <= breakpoints[last])
+    return slope * (inside | (extrapolation == "linear"))
+
+
+def cell_weights(place: Float, count: int) -> tuple[Float, Float]:
+    """Weights of all `count` grid points at positions `place`, and their slopes; shapes (samples, count)."""
+    samples = np.arange(place.size)
+    weights, slopes = np.zeros((2, place.size, count))
+    if count == 1:
+        weights[:, 0] = np.where(np.isnan(place), np.nan, 1.0)
+        return weights, slopes
+    cell = np.clip(np.nan_to_num(np.floor(place)), 0, count - 2).astype(np.int64)
+    weights[samples, cell], weights[samples, cell + 1] = 1.0 - (place - cell), place - cell
+    slopes[samples, cell], slopes[samples, cell + 1] = -1.0, 1.0
+    return weights, slopes
+
+
+def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, width: float) -> tuple[Float, Float]:
+    """Weights of all grid points when interpolation is convolved with a Gaussian of standard deviation `width`.
+
+    A piecewise-linear interpolation is a sum of ramps that start at the breakpoints; each ramp's convolution has the
+    closed form t Phi(t/s) + s phi(t/s). Slopes are with respect to x. Shapes (samples, count).
+    """
+    if width <= 0 or breakpoints.size == 1:
+        weights, slopes = cell_weights(position(x, breakpoints, extrapolation), breakpoints.size)
+        return weights, slopes * density(x, breakpoints, extrapolation)[:, None]
+    t = x[:, None] - breakpoints
+    u = t / width
+    inside = np.abs(u) < WINDOW
+    bell = np.exp(-0.5 * u * u) / np.sqrt(2 * np.pi)
+    rising = np.where(inside, ndtr(u), u > 0)
+    ramp = np.where(inside, t * ndtr(u) + width * bell, np.maximum(t, 0.0))
+    if extrapolation == "linear":
+        ramp[:, 0], rising[:, 0] = t[:, 0], 1.0
+        ramp[:, -1], rising[:, -1] = 0.0, 0.0
+    widths = np.diff(breakpoints)
+    return _differences(-np.diff(ramp) / widths, 1.0), _differences(-np.diff(rising) / widths, 0.0)
+
+
+def _differences(share: Float, total: float) -> Float:
+    """Weights of the grid points from the share of each interval that has been climbed."""
+    edges = np.full((share.shape[0], 1), total)
+    return np.hstack([edges, share]) - np.hstack([share, np.zeros_like(edges)])
+
+
+def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:
+    """Products of the weights along each axis; shape (samples, grid points of the table)."""
+    samples = sides[0].shape[0] if sides else 1
+    flat: Float = np.ones((samples, 1))
+    for side in sides:
+        flat = (flat[:, :, None] * side[:, None, :]).reshape(samples, -1)
+    return flat.reshape(samples, int(np.prod(shape)))
+
+
+def interpolate(values: Float, sides: Sequence[Float]) -> Float:
+    """Value of a table under weights along each axis. Grid points of weight 0 do not count, whatever they hold."""
+    if not sides:
+        return values.reshape(1)
+    support = [np.flatnonzero((side != 0).any(axis=0)) for side in sides]
+    total = np.zeros(sides[0].shape[0])
+    for corner in product(*support):
+        weight = np.prod([side[:, i] for side, i in zip(sides, corner, strict=True)], axis=0)
+        total += np.where(weight == 0, 0.0, weight * values[corner])
+    return total

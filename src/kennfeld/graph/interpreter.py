@@ -1,0 +1,184 @@
+"""The reference interpreter: plain numpy, one node after the other. Every other backend is tested against it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import ArrayLike, Float
+from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.interpolation import (
+    cell_weights,
+    density,
+    interpolate,
+    position,
+    smooth_weights,
+    table_weights,
+)
+from kennfeld.graph.lowering import Lowered, TableRef, lower
+from kennfeld.graph.node import Graph, Node, State
+from kennfeld.graph.operations import OPERATIONS
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Evaluation", "Interpreter", "Rows", "evaluate"]
+
+
+def evaluate(
+    graph: Graph, columns: Mapping[str, ArrayLike], parameters: ParameterSet, starts: Sequence[int] = (0,)
+) -> dict[str, Float]:
+    """Every named node of the graph over the samples; states start anew at `starts`.
+
+    `columns` holds the inputs, of equal length, and `dt` and `t` where the graph uses them.
+    """
+    arrays = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
+    lowered = lower(graph, parameters)
+    run = Interpreter(lowered, parameters).run(lowered.graph.nodes, lowered.graph.states, arrays, starts)
+    return {name: run[at] for name, at in lowered.graph.names.items()}
+
+
+Evaluation = list[Float]  # one array a node, Float[samples]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Residual outputs and their derivatives: `values` (samples, outputs), `jacobian` (samples, outputs, columns)."""
+
+    values: Float
+    jacobian: Float
+
+
+class Interpreter:
+    """Evaluates lowered graphs and linearizations; `widths[axis]` smooths the smoothed lookups of that axis."""
+
+    def __init__(self, lowered: Lowered, parameters: ParameterSet, widths: Sequence[float] = ()) -> None:
+        self.axes = lowered.axes
+        self.parameters = parameters
+        self.widths = tuple(widths) or (0.0,) * len(lowered.axes)
+
+    def run(
+        self,
+        nodes: Sequence[Node],
+        states: Sequence[State],
+        columns: Mapping[str, Float],
+        starts: Sequence[int] = (0,),
+        firsts: Sequence[int] | None = None,
+    ) -> Evaluation:
+        """The values of all nodes. `firsts` are the nodes of the states' first values, where they are known."""
+        samples = next((c.size for c in columns.values()), 1)
+        if not states:
+            return [np.broadcast_to(v, samples) for v in self._step(nodes, columns, ())]
+        result = np.empty((len(nodes), samples))
+        memory: list[list[float]] = []
+        for k in range(samples):
+            here = {name: column[k : k + 1] for name, column in columns.items()}
+            if k in starts:
+                memory = self._start(nodes, states, here, firsts)
+            values = self._step(nodes, here, [ring[0] for ring in memory])
+            result[:, k] = [v[0] for v in values]
+            for ring, state in zip(memory, states, strict=True):
+                ring.append(float(values[state.next][0]))
+                del ring[0]
+        return list(result)
+
+    def _start(
+        self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], firsts: Sequence[int] | None
+    ) -> list[list[float]]:
+        """First values: as the graph gives them, or by sweeps until the states that start from others have settled."""
+        current = [np.nan] * len(states)
+        for _ in range(1 if firsts is not None else len(states)):
+            values = self._step(nodes, here, current)
+            current = [float(values[at][0]) for at in (firsts or [s.init for s in states])]
+        return [[value] * state.latency for value, state in zip(current, states, strict=True)]
+
+    def _step(self, nodes: Sequence[Node], columns: Mapping[str, Float], memory: Sequence[float]) -> list[Float]:
+        values: list[Float] = []
+        for node in nodes:
+            values.append(self._node(node, [values[a] for a in node.args], columns, memory))
+        return values
+
+    def _node(self, node: Node, args: list[Float], columns: Mapping[str, Float], memory: Sequence[float]) -> Float:
+        op, _, payload = node
+        match op:
+            case "const":
+                return np.array([payload])
+            case "input":
+                return columns[payload]
+            case "state":
+                return np.array([memory[payload]])
+            case "position":
+                return position(args[0], self.axes[payload.number], payload.extrapolation)
+            case "density":
+                return density(args[0], self.axes[payload.number], payload.extrapolation)
+            case "interpolate":
+                return interpolate(self.parameters[payload.name].values, [w for w, _ in self._sides(payload, args)])
+            case "slope":
+                table, axis = payload
+                sides = [s if i == axis else w for i, (w, s) in enumerate(self._sides(table, args))]
+                return interpolate(self.parameters[table.name].values, sides)
+            case _:
+                result: Float = OPERATIONS[op].evaluate(*args)
+                return result
+
+    def _sides(self, table: TableRef, args: Sequence[Float]) -> list[tuple[Float, Float]]:
+        shape = self.parameters[table.name].values.shape
+        length = max((a.size for a in args), default=1)
+        sides = []
+        for place, axis, smoothed, count in zip(args, table.axes, table.smoothed, shape, strict=True):
+            x = np.broadcast_to(place, length)
+            points, width = self.axes[axis.number], self.widths[axis.number]
+            sides.append(smooth_weights(x, points, axis.extrapolation, width) if smoothed else cell_weights(x, count))
+        return sides
+
+    def rows(
+        self,
+        line: Linearization,
+        offsets: Mapping[str, int],
+        columns: Mapping[str, Float],
+        starts: Sequence[int] = (0,),
+    ) -> Rows:
+        """Outputs and their derivatives with respect to all values, by forward sensitivities.
+
+        `offsets` gives the first column of each free parameter; its values follow in C order.
+        """
+        samples = next(c.size for c in columns.values())
+        run = self.run(line.nodes, line.states, columns, starts, line.starts)
+        width = sum(self.parameters[name].size for name in offsets)
+        weights = {at: self._atom(line.nodes[at], run, offsets, width) for at in {*line.atoms, *line.start_atoms}}
+        jacobian = np.zeros((samples, len(line.outputs), width))
+        memory: list[list[Float]] = []
+        for k in range(samples):
+            if k in starts:
+                first = [self._row(slopes, {}, weights, run, k, width) for slopes in line.start_slopes]
+                memory = [[f] * line.states[i].latency for f, i in zip(first, line.carried, strict=True)]
+            now = dict(zip(line.seeds, (ring[0] for ring in memory), strict=True))
+            found = [self._row(slopes, now, weights, run, k, width) for slopes in line.slopes]
+            jacobian[k] = found[: len(line.outputs)]
+            for ring, row in zip(memory, found[len(line.outputs) :], strict=True):
+                ring.append(row)
+                del ring[0]
+        return Rows(np.stack([run[at] for at in line.outputs], axis=1), jacobian)
+
+    def _atom(self, node: Node, run: Evaluation, offsets: Mapping[str, int], width: int) -> Float:
+        """Weights of one lookup over all columns, (samples, columns)."""
+        sides = [w for w, _ in self._sides(node.payload, [run[a] for a in node.args])]
+        shape = self.parameters[node.payload.name].values.shape
+        spread = np.zeros((len(run[0]), width))
+        at = offsets[node.payload.name]
+        spread[:, at : at + int(np.prod(shape))] = table_weights(sides, shape)
+        return spread
+
+    @staticmethod
+    def _row(
+        slopes: Mapping[int, int],
+        now: Mapping[int, Float],
+        weights: Mapping[int, Float],
+        run: Evaluation,
+        k: int,
+        width: int,
+    ) -> Float:
+        row = np.zeros(width)
+        for seed, at in slopes.items():
+            slope = run[at][k]
+            if slope != 0:
+                row += slope * (now[seed] if seed in now else weights[seed][k])
+        return row

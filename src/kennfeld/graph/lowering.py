@@ -1,0 +1,117 @@
+"""Lookups made explicit for a given set of parameters: search the axes once, then interpolate.
+
+Axes with equal breakpoints become one, so that tables over the same axes share their searches.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+from kennfeld.arrays import Float
+from kennfeld.errors import ArgumentError
+from kennfeld.graph.node import Builder, Graph, Node, State, extract
+from kennfeld.parameters import Extrapolation, Parameter, ParameterSet
+
+__all__ = ["AxisRef", "Lowered", "TableRef", "dependent", "lower", "rewrite"]
+
+
+class AxisRef(NamedTuple):
+    """An axis of the lowered graph, and what lies beyond its ends."""
+
+    number: int
+    extrapolation: Extrapolation
+
+
+class TableRef(NamedTuple):
+    """A table, its axes, and which of them are smoothed."""
+
+    name: str
+    axes: tuple[AxisRef, ...]
+    smoothed: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class Lowered:
+    """A graph whose lookups are `position` and `interpolate`, and the breakpoints of the axes it searches."""
+
+    graph: Graph
+    axes: tuple[Float, ...]
+    shapes: Mapping[str, tuple[int, ...]]
+
+
+def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) -> Lowered:
+    """The graph with its lookups resolved on the axes of `parameters`.
+
+    Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are marked as
+    smoothed: their lookups take the coordinate itself. Raises `ArgumentError` where a table has another number of axes
+    than the graph gives it coordinates.
+    """
+    _check(graph, parameters)
+    axes: dict[bytes, int] = {}
+    kept: list[Float] = []
+
+    def axis_ref(parameter: Parameter, which: int) -> AxisRef:
+        points = parameter.index_axes[which].breakpoints
+        number = axes.setdefault(points.tobytes(), len(kept))
+        if number == len(kept):
+            kept.append(points)
+        return AxisRef(number, parameter.extrapolation)
+
+    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in smooth, through_states=False)
+
+    def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
+        op, old, payload = graph.nodes[at]
+        if op != "lookup":
+            return b.call(op, *args) if args else b.node(op, args, payload)
+        parameter = parameters[payload]
+        refs = tuple(axis_ref(parameter, i) for i in range(len(args)))
+        smoothed = tuple(a in moving and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True))
+        places = tuple(
+            x if soft else b.node("position", (x,), ref) for x, ref, soft in zip(args, refs, smoothed, strict=True)
+        )
+        return b.node("interpolate", places, TableRef(payload, refs, smoothed))
+
+    shapes = {name: parameters[name].values.shape for name in graph.parameters}
+    return Lowered(rewrite(graph, resolve), tuple(kept), MappingProxyType(shapes))
+
+
+def _check(graph: Graph, parameters: ParameterSet) -> None:
+    for name, count in graph.parameters.items():
+        if name not in parameters:
+            raise ArgumentError(f"the function looks up {name}, which is no parameter of the set")
+        given = len(parameters[name].index_axes)
+        if given != count:
+            raise ArgumentError(f"the function gives {name} {count} coordinates, but it has {given} axes")
+
+
+def rewrite(graph: Graph, resolve: Callable[[Builder, int, tuple[int, ...]], int]) -> Graph:
+    """The graph with each node replaced by `resolve(builder, node, new arguments)`."""
+    b = Builder()
+    b.states.extend(graph.states)
+    number: list[int] = []
+    for at, node in enumerate(graph.nodes):
+        number.append(resolve(b, at, tuple(number[a] for a in node.args)))
+    states = [State(number[s.init], number[s.next], s.latency) for s in graph.states]
+    names = {name: number[at] for name, at in graph.names.items()}
+    return extract(b.nodes, states, names, graph.units, graph.outputs)
+
+
+def dependent(graph: Graph, source: Callable[[Node], bool], *, through_states: bool = True) -> set[int]:
+    """Nodes whose value depends on a node for which `source` holds, through memory as well if asked for."""
+    live = _forward(graph.nodes, source, ())
+    while through_states:
+        states = {i for i, s in enumerate(graph.states) if s.init in live or s.next in live}
+        grown = _forward(graph.nodes, source, states)
+        if grown == live:
+            break
+        live = grown
+    return live
+
+
+def _forward(nodes: Iterable[Node], source: Callable[[Node], bool], states: Collection[int]) -> set[int]:
+    live: set[int] = set()
+    for at, node in enumerate(nodes):
+        if source(node) or (node.op == "state" and node.payload in states) or not live.isdisjoint(node.args):
+            live.add(at)
+    return live

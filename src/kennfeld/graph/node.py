@@ -1,0 +1,236 @@
+"""The graph of one time step: immutable, hash-consed nodes in topological order.
+
+A graph computes outputs and next states from inputs, parameters and states. Memory has one form, `State`:
+a value that is read `latency` steps after it was written. `prev` is latency 1, a delay of n steps latency n.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from kennfeld.graph.operations import OPERATIONS
+
+__all__ = ["Builder", "Graph", "Node", "State"]
+
+
+class Node(NamedTuple):
+    """One operation on earlier nodes.
+
+    Elementwise operations are those of `OPERATIONS`. The others:
+
+    | op | args | payload |
+    |---|---|---|
+    | const | | its value, a float |
+    | input | | channel name; `dt` and `t` are the step and the time since the piece began, in s |
+    | state | | index into `Graph.states` |
+    | lookup | coordinates, none for a scalar | parameter name |
+
+    Preparation for a set of parameters (`lowering.py`) replaces lookups by:
+
+    | op | args | payload |
+    |---|---|---|
+    | position | x | `AxisRef`; the index of the cell that holds x plus the fraction within it |
+    | density | x | `AxisRef`; the slope of position, 1/width of the cell, 0 where clipped |
+    | interpolate | a position an axis, or x itself where the axis is smoothed | `TableRef` |
+    | slope | as interpolate | (`TableRef`, axis); the slope of interpolate along its argument `axis` |
+    """
+
+    op: str
+    args: tuple[int, ...] = ()
+    payload: Any = None
+
+
+class State(NamedTuple):
+    """A memory: starts at node `init` of the first sample, then holds what node `next` was `latency` steps ago."""
+
+    init: int
+    next: int
+    latency: int = 1
+
+
+@dataclass(frozen=True)
+class Graph:
+    """One time step of a model.
+
+    `names` are the nodes a user can see, in their order; `units` belong to names and inputs.
+    `outputs` are the names declared as outputs; without a declaration, the names that no other node uses.
+    Node numbers are canonical: graphs that were built alike are equal.
+    """
+
+    nodes: tuple[Node, ...]
+    names: Mapping[str, int]
+    states: tuple[State, ...] = ()
+    units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    outputs: tuple[str, ...] = ()
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Channels the graph reads, in the order of their first use."""
+        return tuple(dict.fromkeys(n.payload for n in self.nodes if n.op == "input" and n.payload not in CLOCK))
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """Parameters the graph looks up, each with its number of axes."""
+        return {n.payload: len(n.args) for n in self.nodes if n.op == "lookup"}
+
+
+CLOCK = ("dt", "t")
+
+
+class Builder:
+    """Collects nodes; equal ones become one, constants are folded.
+
+    >>> b = Builder()
+    >>> x = b.input("x")
+    >>> b.call("mul", x, b.const(2.0)) == b.call("mul", x, b.const(2.0))
+    True
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.states: list[State] = []
+        self._index: dict[tuple[Any, ...], int] = {}
+
+    @classmethod
+    def of(cls, graph: Graph) -> "Builder":
+        """A builder that goes on from a graph; its nodes keep their numbers."""
+        made = cls()
+        for op, args, payload in graph.nodes:
+            made.node(op, args, payload)
+        made.states.extend(graph.states)
+        return made
+
+    def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
+        """The number of this node, made where it does not exist yet."""
+        key = (op, args, payload.hex() if isinstance(payload, float) else payload)
+        found = self._index.get(key)
+        if found is None:
+            found = self._index[key] = len(self.nodes)
+            self.nodes.append(Node(op, args, payload))
+        return found
+
+    def const(self, value: float) -> int:
+        """A constant."""
+        return self.node("const", (), float(value))
+
+    def input(self, name: str) -> int:
+        """A channel of the measurement."""
+        return self.node("input", (), name)
+
+    def lookup(self, parameter: str, *coordinates: int) -> int:
+        """The value of a scalar, or of a table at these coordinates."""
+        return self.node("lookup", coordinates, parameter)
+
+    def call(self, op: str, *args: int) -> int:
+        """An elementwise operation of `OPERATIONS`; constants are folded, neutral elements dropped."""
+        if all(self.nodes[a].op == "const" for a in args):
+            return self.const(OPERATIONS[op].evaluate(*(self.nodes[a].payload for a in args)))
+        return self._neutral(op, args) if op in _NEUTRAL else self.node(op, args)
+
+    def _neutral(self, op: str, args: tuple[int, ...]) -> int:
+        left, right, left_stays, right_stays = args[0], args[-1], *_NEUTRAL[op]
+        if self._is(right, left_stays):
+            return left
+        if self._is(left, right_stays):
+            return right
+        return self.node(op, args)
+
+    def _is(self, node: int, value: float | None) -> bool:
+        return value is not None and self.nodes[node].op == "const" and bool(self.nodes[node].payload == value)
+
+    def state(self, latency: int = 1) -> int:
+        """A memory to be read now; `close` says what it holds."""
+        self.states.append(State(-1, -1, latency))
+        return self.node("state", (), len(self.states) - 1)
+
+    def close(self, state: int, init: int, next: int) -> None:  # noqa: A002
+        """Complete the memory that node `state` reads."""
+        which = self.nodes[state].payload
+        self.states[which] = State(init, next, self.states[which].latency)
+
+    def prev(self, x: int, init: int, latency: int = 1) -> int:
+        """`x` of `latency` steps before, `init` of the first sample until then."""
+        key = ("prev", x, init, latency)
+        if key not in self._index:
+            made = self.state(latency)
+            self.close(made, init, x)
+            self._index[key] = made
+        return self._index[key]
+
+    def finish(
+        self,
+        names: Mapping[str, int],
+        units: Mapping[str, str] | None = None,
+        outputs: Sequence[str] = (),
+    ) -> Graph:
+        """The graph of the named nodes and what they need, with canonical numbers."""
+        return extract(self.nodes, self.states, names, units or {}, outputs)
+
+
+# operation -> (constant on the right that leaves the left operand, constant on the left that leaves the right one)
+_NEUTRAL: dict[str, tuple[float | None, float | None]] = {
+    "add": (0.0, 0.0),
+    "sub": (0.0, None),
+    "mul": (1.0, 1.0),
+    "guard": (1.0, 1.0),
+    "div": (1.0, None),
+    "pow": (1.0, None),
+}
+
+
+def extract(
+    nodes: Sequence[Node],
+    states: Sequence[State],
+    names: Mapping[str, int],
+    units: Mapping[str, str],
+    outputs: Sequence[str],
+) -> Graph:
+    """The part of a graph that the names need, numbered depth first in the order of the names."""
+    number: dict[int, int] = {}
+    kept: list[Node] = []
+    state_number: dict[int, int] = {}
+    waiting: list[int] = []
+
+    def visit(root: int) -> None:
+        stack = [root]
+        while stack:
+            at = stack[-1]
+            missing = [a for a in reversed(nodes[at].args) if a not in number]
+            if at in number or missing:
+                stack.pop() if at in number else stack.extend(missing)
+                continue
+            stack.pop()
+            op, args, payload = nodes[at]
+            if op == "state":
+                if payload not in state_number:
+                    state_number[payload] = len(state_number)
+                    waiting.append(payload)
+                payload = state_number[payload]
+            number[at] = len(kept)
+            kept.append(Node(op, tuple(number[a] for a in args), payload))
+
+    for root in names.values():
+        visit(root)
+    for which in waiting:  # grows while it is walked: a state may need further states
+        visit(states[which].init)
+        visit(states[which].next)
+    return Graph(
+        tuple(kept),
+        MappingProxyType({name: number[at] for name, at in names.items()}),
+        tuple(State(number[states[w].init], number[states[w].next], states[w].latency) for w in waiting),
+        MappingProxyType(dict(units)),
+        tuple(outputs) or _sinks(kept, states, names, number, waiting),
+    )
+
+
+def _sinks(
+    kept: Sequence[Node],
+    states: Sequence[State],
+    names: Mapping[str, int],
+    number: Mapping[int, int],
+    waiting: Iterable[int],
+) -> tuple[str, ...]:
+    used = {a for node in kept for a in node.args}
+    used |= {number[s] for which in waiting for s in (states[which].init, states[which].next)}
+    return tuple(name for name, at in names.items() if number[at] not in used)

@@ -1,0 +1,178 @@
+"""The elementwise operations: how each is computed, and its partial derivatives as graph expressions.
+
+Truth is 1.0 and 0.0; every value but zero is true. Ties of `min` and `max` take the first argument,
+the slope of `abs` at 0 is 0, steps (`floor`, comparisons, ...) have slope 0.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+__all__ = ["OPERATIONS", "Operation", "Writer"]
+
+
+class Writer(Protocol):
+    """What a derivative rule needs of the graph under construction."""
+
+    def call(self, op: str, *args: int) -> int:
+        """An elementwise operation."""
+
+    def const(self, value: float) -> int:
+        """A constant."""
+
+
+Partial = Callable[[Writer, tuple[int, ...], int], int]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """An elementwise operation.
+
+    `evaluate` works on floats and arrays alike. `partials[i](writer, args, y)` writes dy/d(args[i]);
+    None stands for zero. `branches` is set for operations that pass one argument on: `branches(writer, args)`
+    writes for each argument the condition under which it is the result.
+    """
+
+    arity: int
+    evaluate: Callable[..., Any]
+    partials: tuple[Partial | None, ...]
+    branches: Callable[[Writer, tuple[int, ...]], tuple[int | None, ...]] | None = None
+
+
+def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
+    def evaluate(*args: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*(np.asarray(a, dtype=np.float64) for a in args))
+
+    return evaluate
+
+
+def _round(x: Any) -> Any:
+    whole = np.trunc(x)
+    return np.where(np.abs(x - whole) >= 0.5, whole + np.copysign(1.0, x), whole)
+
+
+def _guard(a: Any, b: Any) -> Any:
+    return np.where(a == 0, 0.0, a * b)
+
+
+def _truth(function: Callable[..., Any]) -> Callable[..., Any]:
+    return _quiet(lambda *args: function(*args).astype(np.float64))
+
+
+def _steps(arity: int, evaluate: Callable[..., Any]) -> Operation:
+    return Operation(arity, evaluate, (None,) * arity)
+
+
+def _unary(evaluate: Callable[..., Any], slope: Callable[[Writer, int, int], int]) -> Operation:
+    return Operation(1, _quiet(evaluate), (lambda w, args, y: slope(w, args[0], y),))
+
+
+def _one(w: Writer, args: tuple[int, ...], y: int) -> int:
+    return w.const(1.0)
+
+
+def _minus_one(w: Writer, args: tuple[int, ...], y: int) -> int:
+    return w.const(-1.0)
+
+
+def _one_over(w: Writer, x: int) -> int:
+    return w.call("div", w.const(1.0), x)
+
+
+def _one_minus_square(w: Writer, x: int) -> int:
+    return w.call("sub", w.const(1.0), w.call("mul", x, x))
+
+
+def _one_plus_square(w: Writer, x: int) -> int:
+    return w.call("add", w.const(1.0), w.call("mul", x, x))
+
+
+def _power_base(w: Writer, args: tuple[int, ...], y: int) -> int:
+    base, exponent = args
+    return w.call("mul", exponent, w.call("pow", base, w.call("sub", exponent, w.const(1.0))))
+
+
+def _power_exponent(w: Writer, args: tuple[int, ...], y: int) -> int:
+    return w.call("guard", y, w.call("log", args[0]))
+
+
+def _over_square_sum(w: Writer, numerator: int, args: tuple[int, ...]) -> int:
+    a, b = args
+    return w.call("div", numerator, w.call("add", w.call("mul", a, a), w.call("mul", b, b)))
+
+
+def _either(comparison: str) -> Callable[[Writer, tuple[int, ...]], tuple[int, int]]:
+    def conditions(w: Writer, args: tuple[int, ...]) -> tuple[int, int]:
+        first = w.call(comparison, *args)
+        return first, w.call("not", first)
+
+    return conditions
+
+
+def _choices(w: Writer, args: tuple[int, ...]) -> tuple[None, int, int]:
+    return None, args[0], w.call("not", args[0])
+
+
+OPERATIONS: dict[str, Operation] = {
+    "add": Operation(2, _quiet(np.add), (_one, _one)),
+    "sub": Operation(2, _quiet(np.subtract), (_one, _minus_one)),
+    "mul": Operation(2, _quiet(np.multiply), (lambda w, args, y: args[1], lambda w, args, y: args[0])),
+    # the product of an adjoint that a condition may have switched off with a slope that may not be finite
+    "guard": Operation(2, _quiet(_guard), (lambda w, args, y: args[1], lambda w, args, y: args[0])),
+    "div": Operation(
+        2,
+        _quiet(np.divide),
+        (
+            lambda w, args, y: _one_over(w, args[1]),
+            lambda w, args, y: w.call("neg", w.call("div", y, args[1])),
+        ),
+    ),
+    "pow": Operation(2, _quiet(np.power), (_power_base, _power_exponent)),
+    "mod": Operation(
+        2,
+        _quiet(lambda a, b: np.where(b == 0, a, a - np.floor(a / b) * b)),
+        (_one, lambda w, args, y: w.call("neg", w.call("floor", w.call("div", *args)))),
+    ),
+    "atan2": Operation(
+        2,
+        _quiet(np.arctan2),
+        (
+            lambda w, args, y: _over_square_sum(w, args[1], args),
+            lambda w, args, y: w.call("neg", _over_square_sum(w, args[0], args)),
+        ),
+    ),
+    "min": Operation(2, _quiet(np.minimum), (_one, _one), _either("le")),
+    "max": Operation(2, _quiet(np.maximum), (_one, _one), _either("ge")),
+    "select": Operation(3, _quiet(lambda c, a, b: np.where(c != 0, a, b)), (None, _one, _one), _choices),
+    "neg": _unary(np.negative, lambda w, x, y: w.const(-1.0)),
+    "abs": _unary(np.abs, lambda w, x, y: w.call("sign", x)),
+    "sqrt": _unary(np.sqrt, lambda w, x, y: w.call("div", w.const(0.5), y)),
+    "exp": _unary(np.exp, lambda w, x, y: y),
+    "log": _unary(np.log, lambda w, x, y: _one_over(w, x)),
+    "log10": _unary(np.log10, lambda w, x, y: w.call("div", w.const(float(1 / np.log(10))), x)),
+    "sin": _unary(np.sin, lambda w, x, y: w.call("cos", x)),
+    "cos": _unary(np.cos, lambda w, x, y: w.call("neg", w.call("sin", x))),
+    "tan": _unary(np.tan, lambda w, x, y: _one_plus_square(w, y)),
+    "asin": _unary(np.arcsin, lambda w, x, y: _one_over(w, w.call("sqrt", _one_minus_square(w, x)))),
+    "acos": _unary(np.arccos, lambda w, x, y: w.call("neg", _one_over(w, w.call("sqrt", _one_minus_square(w, x))))),
+    "atan": _unary(np.arctan, lambda w, x, y: _one_over(w, _one_plus_square(w, x))),
+    "sinh": _unary(np.sinh, lambda w, x, y: w.call("cosh", x)),
+    "cosh": _unary(np.cosh, lambda w, x, y: w.call("sinh", x)),
+    "tanh": _unary(np.tanh, lambda w, x, y: _one_minus_square(w, y)),
+    "floor": _steps(1, _quiet(np.floor)),
+    "ceil": _steps(1, _quiet(np.ceil)),
+    "round": _steps(1, _quiet(_round)),
+    "sign": _steps(1, _quiet(np.sign)),
+    "lt": _steps(2, _truth(np.less)),
+    "le": _steps(2, _truth(np.less_equal)),
+    "gt": _steps(2, _truth(np.greater)),
+    "ge": _steps(2, _truth(np.greater_equal)),
+    "eq": _steps(2, _truth(np.equal)),
+    "ne": _steps(2, _truth(np.not_equal)),
+    "and": _steps(2, _truth(np.logical_and)),
+    "or": _steps(2, _truth(np.logical_or)),
+    "not": _steps(1, _truth(np.logical_not)),
+}

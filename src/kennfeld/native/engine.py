@@ -1,0 +1,96 @@
+"""LLVM IR text to callable machine code, compiled in memory."""
+
+import ctypes
+import ctypes.util
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import llvmlite.binding as llvm
+
+__all__ = ["C_FUNCTIONS", "Engine"]
+
+C_FUNCTIONS = {
+    "exp": 1, "log": 1, "log10": 1, "sin": 1, "cos": 1, "tan": 1, "asin": 1, "acos": 1, "atan": 1, "atan2": 2,
+    "sinh": 1, "cosh": 1, "tanh": 1, "pow": 2, "erfc": 1, "floor": 1, "ceil": 1, "trunc": 1,
+}  # fmt: skip
+
+_compiling = threading.Lock()
+
+
+class Engine:
+    """Machine code of one module; it lives as long as this object and the functions it handed out."""
+
+    def __init__(self, text: str) -> None:
+        with _compiling:
+            self._machine = _target_machine()
+            module = llvm.parse_assembly(_DECLARATIONS + text)
+            module.triple = self._machine.triple
+            module.data_layout = str(self._machine.target_data)
+            _optimise(module, self._machine)
+            self._engine = llvm.create_mcjit_compiler(module, self._machine)
+            self._engine.finalize_object()
+
+    def function(self, name: str, kinds: Sequence[Any]) -> Callable[..., None]:
+        """The compiled function, taking arguments of these ctypes types."""
+        address = self._engine.get_function_address(name)
+        made: Any = ctypes.CFUNCTYPE(None, *kinds)(address)
+        made.engine = self
+        called: Callable[..., None] = made
+        return called
+
+
+@cache
+def _initialise() -> None:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    library = _c_library()
+    for name in C_FUNCTIONS:
+        address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
+        llvm.add_symbol("kf_" + name, address)
+    for name in ("memset", "memcpy", "memmove"):
+        llvm.add_symbol(
+            name, ctypes.cast(getattr(ctypes.pythonapi, name, getattr(library, name, None)), ctypes.c_void_p).value
+        )
+
+
+def _c_library() -> ctypes.CDLL:
+    """The C library with the elementary functions, by each system's own name."""
+    if sys.platform == "win32":
+        return ctypes.CDLL("ucrtbase")
+    return ctypes.CDLL(ctypes.util.find_library("m") or None)
+
+
+def _target_machine() -> Any:
+    _initialise()
+    target = llvm.Target.from_default_triple()
+    # Code model "jitdefault" reaches the C library wherever the system has put it.
+    return target.create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, codemodel="jitdefault"
+    )
+
+
+def _optimise(module: Any, machine: Any) -> None:
+    # The SLP vectorizer takes minutes on long straight-line code and gains nothing there.
+    options = llvm.create_pipeline_tuning_options(speed_level=2, size_level=0)
+    options.slp_vectorization = False
+    options.loop_vectorization = True
+    options.loop_interleaving = True
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+
+
+def _declare(name: str, arguments: int) -> str:
+    return f"declare double @kf_{name}({', '.join(['double'] * arguments)}) nounwind memory(none)\n"
+
+
+_INTRINSICS = "".join(
+    f"declare double @llvm.{name}.f64({', '.join(['double'] * count)})\n"
+    for name, count in (("fabs", 1), ("sqrt", 1), ("copysign", 2), ("floor", 1), ("ceil", 1), ("trunc", 1))
+) + (
+    "declare i64 @llvm.fptosi.sat.i64.f64(double)\ndeclare i64 @llvm.smin.i64(i64, i64)\ndeclare i64 @llvm.smax.i64(i64, i64)\n"
+)
+
+_DECLARATIONS = _INTRINSICS + "".join(_declare(name, count) for name, count in C_FUNCTIONS.items())

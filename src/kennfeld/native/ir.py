@@ -1,0 +1,140 @@
+"""A small writer of LLVM IR text: functions, loops and branches, so that the emitters read like the code they emit."""
+
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+__all__ = ["DOUBLE", "Function", "literal"]
+
+DOUBLE = "double"
+
+
+def literal(value: float) -> str:
+    """A double as LLVM writes it, bit for bit.
+
+    >>> literal(1.0)
+    '0x3FF0000000000000'
+    """
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+class Function:
+    """The text of one function under construction.
+
+    Loop counters and other variables live in stack slots of the entry block; LLVM turns them into registers.
+    """
+
+    def __init__(self, name: str, parameters: Sequence[tuple[str, str]], *, internal: bool = False) -> None:
+        self.name = name
+        self.parameters = tuple(parameters)
+        self.internal = internal
+        self.slots: list[str] = []
+        self.lines: list[str] = []
+        self.count = 0
+
+    def new(self, expression: str) -> str:
+        """A register that holds `expression`."""
+        self.count += 1
+        self.lines.append(f"  %{self.count}. = {expression}")
+        return f"%{self.count}."
+
+    def do(self, statement: str) -> None:
+        """A statement without a result."""
+        self.lines.append("  " + statement)
+
+    def slot(self, kind: str, count: int = 1) -> str:
+        """Room on the stack for `count` values of a type."""
+        self.count += 1
+        self.slots.append(f"  %{self.count}. = alloca [{count} x {kind}], align 32")
+        return f"%{self.count}."
+
+    def at(self, pointer: str, index: str | int, kind: str = DOUBLE) -> str:
+        """The address of element `index`."""
+        return pointer if index in (0, "0") else self.new(f"getelementptr inbounds {kind}, ptr {pointer}, i64 {index}")
+
+    def load(self, pointer: str, index: str | int = 0, kind: str = DOUBLE) -> str:
+        """Element `index` of an array."""
+        return self.new(f"load {kind}, ptr {self.at(pointer, index, kind)}, align {_ALIGN[kind]}")
+
+    def store(self, value: str, pointer: str, index: str | int = 0, kind: str = DOUBLE) -> None:
+        """Write element `index` of an array."""
+        self.do(f"store {kind} {value}, ptr {self.at(pointer, index, kind)}, align {_ALIGN[kind]}")
+
+    def add(self, a: str, b: str | int) -> str:
+        """Sum of two integers."""
+        return a if b in (0, "0") else self.new(f"add i64 {a}, {b}")
+
+    def mul(self, a: str, b: str | int) -> str:
+        """Product of two integers."""
+        return a if b in (1, "1") else self.new(f"mul i64 {a}, {b}")
+
+    def fadd(self, a: str, b: str) -> str:
+        """Sum of two doubles that may be contracted and reordered: for reductions."""
+        return self.new(f"fadd contract reassoc nsz double {a}, {b}")
+
+    def fmul(self, a: str, b: str) -> str:
+        """Product of two doubles."""
+        return self.new(f"fmul contract double {a}, {b}")
+
+    def dot(self, pairs: Sequence[tuple[str, str]]) -> str:
+        """Sum of products; 0 where there are none."""
+        total = ""
+        for a, b in pairs:
+            term = self.fmul(a, b)
+            total = self.fadd(total, term) if total else term
+        return total or literal(0.0)
+
+    def increase(self, by: str, pointer: str, index: str | int = 0) -> None:
+        """Add a double to element `index` of an array."""
+        place = self.at(pointer, index)
+        self.store(self.fadd(self.load(place), by), place)
+
+    def select(self, condition: str, a: str, b: str) -> str:
+        """One of two doubles."""
+        return self.new(f"select i1 {condition}, double {a}, double {b}")
+
+    def label(self, name: str) -> str:
+        """A fresh label."""
+        self.count += 1
+        return f"{name}{self.count}"
+
+    def begin(self, label: str) -> None:
+        """Start the block `label`."""
+        self.lines.append(f"{label}:")
+
+    @contextmanager
+    def loop(self, start: str | int, end: str | int) -> Iterator[str]:
+        """Run the body for each index from `start` to before `end`."""
+        counter = self.slot("i64")
+        head, body, done = self.label("head"), self.label("body"), self.label("done")
+        self.store(str(start), counter, kind="i64")
+        self.do(f"br label %{head}")
+        self.begin(head)
+        index = self.load(counter, kind="i64")
+        self.do(f"br i1 {self.new(f'icmp slt i64 {index}, {end}')}, label %{body}, label %{done}")
+        self.begin(body)
+        yield index
+        self.store(self.add(index, 1), counter, kind="i64")
+        self.do(f"br label %{head}")
+        self.begin(done)
+
+    @contextmanager
+    def when(self, condition: str) -> Iterator[None]:
+        """Run the body where an i1 holds."""
+        body, done = self.label("then"), self.label("end")
+        self.do(f"br i1 {condition}, label %{body}, label %{done}")
+        self.begin(body)
+        yield
+        self.do(f"br label %{done}")
+        self.begin(done)
+
+    def text(self) -> str:
+        """The finished function."""
+        head = ", ".join(f"{kind} %{name}" for kind, name in self.parameters)
+        linkage = "internal " if self.internal else ""
+        attributes = " noinline" if self.internal else ""
+        body = "\n".join([*self.slots, "  br label %entry", "entry:", *self.lines])
+        return f"define {linkage}void @{self.name}({head}){attributes} {{\n{body}\n  ret void\n}}\n"
+
+
+_ALIGN = {"double": 8, "i64": 8, "i32": 4}
