@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from scipy.special import ndtr
 
 from kennfeld.arrays import Float
 from kennfeld.parameters import Extrapolation
 
-__all__ = ["cell_weights", "density", "interpolate", "position", "smooth_weights", "table_weights"]
+__all__ = ["WINDOW", "cell_weights", "density", "interpolate", "position", "smooth_weights", "table_weights"]
 
 WINDOW = 4.0  # the smoothing kernel is cut off at so many standard deviations
 
@@ -59,6 +58,8 @@ def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, w
     A piecewise-linear interpolation is a sum of ramps that start at the breakpoints; each ramp's convolution has the
     closed form t Phi(t/s) + s phi(t/s). Slopes are with respect to x. Shapes (samples, count).
     """
+    from scipy.special import ndtr
+
     if width <= 0 or breakpoints.size == 1:
         weights, slopes = cell_weights(position(x, breakpoints, extrapolation), breakpoints.size)
         return weights, slopes * density(x, breakpoints, extrapolation)[:, None]

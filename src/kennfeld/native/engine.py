@@ -1,7 +1,6 @@
 """LLVM IR text to callable machine code, compiled in memory."""
 
 import ctypes
-import ctypes.util
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -14,7 +13,7 @@ __all__ = ["C_FUNCTIONS", "Engine"]
 
 C_FUNCTIONS = {
     "exp": 1, "log": 1, "log10": 1, "sin": 1, "cos": 1, "tan": 1, "asin": 1, "acos": 1, "atan": 1, "atan2": 2,
-    "sinh": 1, "cosh": 1, "tanh": 1, "pow": 2, "erfc": 1, "floor": 1, "ceil": 1, "trunc": 1,
+    "sinh": 1, "cosh": 1, "tanh": 1, "pow": 2, "erfc": 1,
 }  # fmt: skip
 
 _compiling = threading.Lock()
@@ -47,20 +46,14 @@ def _initialise() -> None:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     library = _c_library()
-    for name in C_FUNCTIONS:
+    for name in (*C_FUNCTIONS, "memset", "memcpy", "memmove"):
         address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-        llvm.add_symbol("kf_" + name, address)
-    for name in ("memset", "memcpy", "memmove"):
-        llvm.add_symbol(
-            name, ctypes.cast(getattr(ctypes.pythonapi, name, getattr(library, name, None)), ctypes.c_void_p).value
-        )
+        llvm.add_symbol("kf_" + name if name in C_FUNCTIONS else name, address)
 
 
 def _c_library() -> ctypes.CDLL:
     """The C library with the elementary functions, by each system's own name."""
-    if sys.platform == "win32":
-        return ctypes.CDLL("ucrtbase")
-    return ctypes.CDLL(ctypes.util.find_library("m") or None)
+    return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
 def _target_machine() -> Any:
@@ -74,7 +67,7 @@ def _target_machine() -> Any:
 
 def _optimise(module: Any, machine: Any) -> None:
     # The SLP vectorizer takes minutes on long straight-line code and gains nothing there.
-    options = llvm.create_pipeline_tuning_options(speed_level=2, size_level=0)
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.slp_vectorization = False
     options.loop_vectorization = True
     options.loop_interleaving = True
@@ -86,11 +79,15 @@ def _declare(name: str, arguments: int) -> str:
     return f"declare double @kf_{name}({', '.join(['double'] * arguments)}) nounwind memory(none)\n"
 
 
-_INTRINSICS = "".join(
-    f"declare double @llvm.{name}.f64({', '.join(['double'] * count)})\n"
-    for name, count in (("fabs", 1), ("sqrt", 1), ("copysign", 2), ("floor", 1), ("ceil", 1), ("trunc", 1))
-) + (
-    "declare i64 @llvm.fptosi.sat.i64.f64(double)\ndeclare i64 @llvm.smin.i64(i64, i64)\ndeclare i64 @llvm.smax.i64(i64, i64)\n"
-)
-
+_INTRINSICS = """
+declare double @llvm.fabs.f64(double)
+declare double @llvm.sqrt.f64(double)
+declare double @llvm.copysign.f64(double, double)
+declare double @llvm.floor.f64(double)
+declare double @llvm.ceil.f64(double)
+declare double @llvm.trunc.f64(double)
+declare i64 @llvm.fptosi.sat.i64.f64(double)
+declare i64 @llvm.smin.i64(i64, i64)
+declare i64 @llvm.smax.i64(i64, i64)
+"""
 _DECLARATIONS = _INTRINSICS + "".join(_declare(name, count) for name, count in C_FUNCTIONS.items())

@@ -21,10 +21,11 @@ def literal(value: float) -> str:
 class Function:
     """The text of one function under construction.
 
+    `internal` is empty for a function to be called from outside, else how LLVM shall treat it: `noinline`, ...
     Loop counters and other variables live in stack slots of the entry block; LLVM turns them into registers.
     """
 
-    def __init__(self, name: str, parameters: Sequence[tuple[str, str]], *, internal: bool = False) -> None:
+    def __init__(self, name: str, parameters: Sequence[tuple[str, str]], internal: str = "") -> None:
         self.name = name
         self.parameters = tuple(parameters)
         self.internal = internal
@@ -35,8 +36,8 @@ class Function:
     def new(self, expression: str) -> str:
         """A register that holds `expression`."""
         self.count += 1
-        self.lines.append(f"  %{self.count}. = {expression}")
-        return f"%{self.count}."
+        self.lines.append(f"  %v{self.count} = {expression}")
+        return f"%v{self.count}"
 
     def do(self, statement: str) -> None:
         """A statement without a result."""
@@ -45,8 +46,8 @@ class Function:
     def slot(self, kind: str, count: int = 1) -> str:
         """Room on the stack for `count` values of a type."""
         self.count += 1
-        self.slots.append(f"  %{self.count}. = alloca [{count} x {kind}], align 32")
-        return f"%{self.count}."
+        self.slots.append(f"  %v{self.count} = alloca [{count} x {kind}], align 32")
+        return f"%v{self.count}"
 
     def at(self, pointer: str, index: str | int, kind: str = DOUBLE) -> str:
         """The address of element `index`."""
@@ -128,13 +129,16 @@ class Function:
         self.do(f"br label %{done}")
         self.begin(done)
 
+    def call(self, name: str, arguments: Sequence[tuple[str, str]]) -> None:
+        """Call a function of this module with (type, value) arguments."""
+        self.do(f"call void @{name}({', '.join(f'{kind} {value}' for kind, value in arguments)})")
+
     def text(self) -> str:
         """The finished function."""
         head = ", ".join(f"{kind} %{name}" for kind, name in self.parameters)
         linkage = "internal " if self.internal else ""
-        attributes = " noinline" if self.internal else ""
         body = "\n".join([*self.slots, "  br label %entry", "entry:", *self.lines])
-        return f"define {linkage}void @{self.name}({head}){attributes} {{\n{body}\n  ret void\n}}\n"
+        return f"define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
 
 _ALIGN = {"double": 8, "i64": 8, "i32": 4}

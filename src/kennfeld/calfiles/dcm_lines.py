@@ -1,0 +1,200 @@
+"""DCM text as lines and blocks: which statement stands where, before anybody asks what it means.
+
+DCM is strictly line oriented: the first word of a line is its keyword. Every statement keeps its line
+number, so that a finding can point at it and a writer can later replace single numbers in place.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+from kennfeld.calfiles.format import Notes
+from kennfeld.errors import nearest
+
+__all__ = ["Block", "DcmLines", "Statement", "split", "unquoted"]
+
+Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
+
+_NUMERIC = {
+    "FESTWERT": 0,
+    "TEXTSTRING": 0,
+    "KENNLINIE": 1,
+    "FESTKENNLINIE": 1,
+    "GRUPPENKENNLINIE": 1,
+    "STUETZSTELLENVERTEILUNG": 1,
+    "KENNFELD": 2,
+    "FESTKENNFELD": 2,
+    "GRUPPENKENNFELD": 2,
+}  # keyword: how many sizes follow the name
+_BLOCKS = frozenset({*_NUMERIC, "FESTWERTEBLOCK"})
+_LISTS = frozenset({"FUNKTIONEN", "VARIANTENKODIERUNG"})
+_SINGLE = frozenset({"KONSERVIERUNG_FORMAT", "MODULKOPF"})
+_INSIDE = frozenset(
+    {"WERT", "TEXT", "ST/X", "ST/Y", "ST_TX/X", "ST_TX/Y"}
+    | {"LANGNAME", "DISPLAYNAME", "VAR", "FUNKTION", "EINHEIT_X", "EINHEIT_Y", "EINHEIT_W"}
+)
+_KEYWORDS = sorted(_BLOCKS | _LISTS | _SINGLE | _INSIDE | {"END"})
+_GROUP_AXIS = re.compile(r"\s*\*\s*(SSTX|SSTY|SST)(?:\s+(.*?))?\s*$")
+_SIZE = re.compile(r"[1-9]\d{0,9}")
+_BLOCK_HEADER = re.compile(r"(\S+)\s+(\d+)(?:\s*@\s*(\d+))?\s*$")
+_ESCAPED = re.compile(r'\\(["\\])')
+_MOST_GUESSES = 20  # a garbled file must not spend its time on guessing keywords
+
+
+@dataclass(slots=True)
+class Block:
+    """One block from its header to its END; `sizes` is None where the header could not be read."""
+
+    keyword: str
+    name: str
+    line: int
+    sizes: tuple[int, ...] | None = ()
+    statements: list[Statement] = field(default_factory=list)
+
+    def text_of(self, keyword: str) -> str:
+        """The quoted text of an attribute, or nothing."""
+        return next((unquoted(rest) for _, key, rest in self.statements if key == keyword), "")
+
+    def rest_of(self, keyword: str) -> str:
+        """What follows a keyword, as it stands."""
+        return next((rest for _, key, rest in self.statements if key == keyword), "")
+
+
+@dataclass
+class DcmLines:
+    """The blocks of a file and its version (1 where the file states none)."""
+
+    version: str
+    blocks: list[Block]
+
+
+def unquoted(rest: str) -> str:
+    """The text between the first and the last quote of a line, or the bare words.
+
+    >>> unquoted('"say \\\\"yes\\\\"" ')
+    'say "yes"'
+    """
+    first, last = rest.find('"'), rest.rfind('"')
+    if first < 0:
+        return rest.strip()
+    inner = rest[first + 1 : last if last > first else None]
+    return _ESCAPED.sub(r"\1", inner) if "\\" in inner else inner
+
+
+def split(text: str, notes: Notes) -> DcmLines:
+    """Cut DCM text into blocks; whatever is no DCM goes to the notes, with its line."""
+    splitter = _Splitter(notes)
+    for number, line in enumerate(text.split("\n"), 1):
+        splitter.feed(number, line)
+    splitter.close_open_block()
+    splitter.note_unknown_keywords()
+    return DcmLines(splitter.version, splitter.blocks)
+
+
+class _Splitter:
+    def __init__(self, notes: Notes) -> None:
+        self.notes = notes
+        self.version = "1"
+        self.blocks: list[Block] = []
+        self.block: Block | None = None
+        self.unknown: dict[str, Statement] = {}
+        self.guessed = 0
+
+    def feed(self, number: int, line: str) -> None:
+        words = line.split(None, 1)
+        if not words:
+            return
+        keyword, rest = words[0], words[1] if len(words) > 1 else ""
+        if self.block is not None and keyword in _INSIDE:
+            self.block.statements.append((number, keyword, rest))
+        elif keyword[0] in "*!.":
+            self._comment(number, line)
+        elif keyword == "END":
+            self._end(number)
+        elif keyword in _BLOCKS or keyword in _LISTS:
+            self.close_open_block()
+            self.block = self._opened(number, keyword, rest)
+        elif keyword in _SINGLE:
+            self._single(keyword, rest)
+        else:
+            self._stranger(number, keyword, rest)
+
+    def _comment(self, number: int, line: str) -> None:
+        if self.block is None or "SST" not in line:
+            return
+        found = _GROUP_AXIS.match(line)
+        if found:
+            self.block.statements.append((number, found[1], found[2] or ""))
+
+    def _end(self, number: int) -> None:
+        if self.block is None:
+            self.notes.error(number, "", "END closes no block", "Delete it, or restore the block's first line.")
+        elif self.block.keyword in _BLOCKS:
+            self.blocks.append(self.block)
+        self.block = None
+
+    def close_open_block(self) -> None:
+        """Report the block that another one, or the end of the file, interrupts."""
+        if self.block is not None and self.block.keyword:
+            what = f"{self.block.keyword} has no END"
+            mend = "The file may be cut off: take a complete copy, or add the missing lines."
+            self.notes.error(self.block.line, self.block.name, what, mend)
+        self.block = None
+
+    def _opened(self, number: int, keyword: str, rest: str) -> Block:
+        if keyword in _LISTS:
+            return Block(keyword, "", number)
+        name, sizes = _header(keyword, rest)
+        if sizes is None:
+            self.notes.error(number, name, f"{keyword} needs {_asked(keyword)}", "", f"{keyword} {rest}")
+        return Block(keyword, name, number, sizes)
+
+    def _single(self, keyword: str, rest: str) -> None:
+        self.close_open_block()
+        if keyword == "KONSERVIERUNG_FORMAT":
+            self.version = rest.strip() or "2.0"
+
+    def _stranger(self, number: int, keyword: str, rest: str) -> None:
+        """A keyword of no known version inside a block or between two; one near a known one is a slip."""
+        if self.block is not None:
+            if self.block.keyword not in ("", *_LISTS):
+                self.unknown.setdefault(keyword, (number, self.block.name, rest))
+            return
+        if keyword in _INSIDE:
+            self.notes.error(number, "", f"{keyword} stands outside of any block", "", f"{keyword} {rest}")
+            return
+        guess = self._guess(keyword)
+        if guess:
+            self.notes.error(number, rest.split(" ")[0], f"{keyword} is no keyword of DCM", guess)
+        else:
+            self.unknown.setdefault(keyword, (number, "", rest))
+        self.block = Block("", "", number)
+
+    def _guess(self, keyword: str) -> str:
+        self.guessed += 1
+        return nearest(keyword[:60], _KEYWORDS) if self.guessed <= _MOST_GUESSES else ""
+
+    def note_unknown_keywords(self) -> None:
+        """One remark a keyword, at its first place."""
+        for keyword, (number, thing, _) in self.unknown.items():
+            self.notes.remark(number, thing, f"{keyword[:60]} is no known keyword; left aside")
+
+
+def _asked(keyword: str) -> str:
+    if keyword == "FESTWERTEBLOCK":
+        return "a name and its size, like 'Name 7' or 'Name 4 @ 2'"
+    return ("a name alone", "a name and one size", "a name and two sizes, x and y")[_NUMERIC[keyword]]
+
+
+def _header(keyword: str, rest: str) -> tuple[str, tuple[int, ...] | None]:
+    if keyword == "FESTWERTEBLOCK":
+        found = _BLOCK_HEADER.match(rest)
+        name, given = (found[1], [size for size in found.groups()[1:] if size]) if found else (rest.strip(), [])
+    else:
+        words = rest.split()
+        count = max(len(words) - _NUMERIC[keyword], 1)
+        # Only group axes are known to have names with blanks.
+        count = count if keyword == "STUETZSTELLENVERTEILUNG" else min(count, 1)
+        name, given = " ".join(words[:count]), words[count:]
+    wanted = (1, 2) if keyword == "FESTWERTEBLOCK" else (_NUMERIC[keyword],)
+    usable = name and len(given) in wanted and all(_SIZE.fullmatch(size) for size in given)
+    return name, tuple(int(size) for size in given) if usable else None

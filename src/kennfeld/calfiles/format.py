@@ -1,0 +1,117 @@
+"""What every calibration format shares: the file as read, the notes taken on it, and what came out."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from kennfeld.errors import Finding, InputError
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Content", "Format", "Notes", "Source", "holds_control_characters", "one_line"]
+
+_DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
+# Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
+_CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5|shift|euc|koi)", re.IGNORECASE)
+_CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
+_EXCERPT = 120  # characters of a line shown with a finding
+
+
+@dataclass
+class Notes:
+    """Everything noticed while one file is read: errors refuse it, remarks are shown by `kennfeld info`."""
+
+    file: str
+    _taken: list[tuple[int, Finding]] = field(default_factory=list)
+
+    def error(self, line: int, thing: str, what: str, mend: str = "", excerpt: str = "") -> None:
+        """Note what makes the file unusable; line 0 stands for the file as a whole."""
+        self._taken.append((line, Finding(self._place(line, thing), what, mend, excerpt.strip()[:_EXCERPT])))
+
+    def remark(self, line: int, thing: str, what: str, mend: str = "") -> None:
+        """Note what was left aside."""
+        self._taken.append((line, Finding(self._place(line, thing), what, mend, severity="warning")))
+
+    def _place(self, line: int, thing: str) -> str:
+        place = f"{self.file} line {line}" if line else self.file
+        return f"{place} ({thing})" if thing else place
+
+    def settle(self) -> tuple[Finding, ...]:
+        """The remarks in the order of the file; raises `InputError` with every finding if there was an error."""
+        ordered = [finding for _, finding in sorted(self._taken, key=lambda taken: taken[0])]
+        errors = [finding for finding in ordered if finding.severity == "error"]
+        if errors:
+            raise InputError(errors)
+        return tuple(ordered)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A calibration file as it lies on the disk."""
+
+    name: str
+    raw: bytes
+
+    @cached_property
+    def text(self) -> str:
+        """The characters with lines that end in a bare line feed.
+
+        A byte order mark decides first, then a first line `* encoding="..."`, then UTF-8;
+        what is none of these is cp1252, as older INCA and ASCET wrote it.
+        """
+        return self._decoded().replace("\r\n", "\n").replace("\r", "\n")
+
+    def _decoded(self) -> str:
+        if self.raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return self.raw.decode("utf-16", errors="replace")
+        for encoding in (self._declared(), "utf-8-sig", "cp1252"):
+            try:
+                return self.raw.decode(encoding)
+            except (LookupError, ValueError):
+                continue
+        return self.raw.decode("latin-1")
+
+    def _declared(self) -> str:
+        found = _DECLARED.match(self.raw)
+        name = found[1].decode("ascii") if found else ""
+        known = not self.raw.startswith(b"\xef\xbb\xbf") and _CHARACTER_SET.match(name)
+        return name if known else "utf-8-sig"
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a reader found: the values, the dialect of the file, and what it left aside."""
+
+    kind: str
+    parameters: ParameterSet
+    remarks: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Format:
+    """One calibration format: how it is told from others, read and written.
+
+    `write` turns a set into the text of a file; its second argument is the file's name, for findings.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    recognises: Callable[[str], bool]
+    read: Callable[[Source], Content]
+    write: Callable[[ParameterSet, str], str]
+
+    @classmethod
+    def ending_of(cls, path: Path) -> str:
+        """The ending that chooses a format, in lower case."""
+        return path.suffix.lower()
+
+
+def holds_control_characters(text: str) -> bool:
+    """Whether a text has characters that no line of a text file can hold."""
+    return _CONTROL.search(text) is not None
+
+
+def one_line(text: str) -> str:
+    """The text with line breaks and other control characters turned into blanks."""
+    return _CONTROL.sub(" ", text)

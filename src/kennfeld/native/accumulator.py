@@ -1,0 +1,200 @@
+"""Sums over all samples: the cost, its gradient and Gauss-Newton matrix, or the rows of the Jacobian.
+
+Work is cut into chunks, so that a tape fits the cache and a call ends within milliseconds, and dealt into shares that
+threads may work on. Shares and their order depend on the problem alone, so results do not depend on the threads.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.samples import Chunk, Samples, shares
+from kennfeld.native.workspace import Workspace
+
+__all__ = ["Accumulator", "Normal"]
+
+TAPE_BYTES = 256 * 1024
+SHARES = 4
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Half the gradient, J'Wr, and the Gauss-Newton matrix J'WJ of the sum of losses.
+
+    The arrays belong to the accumulator and hold until its next call.
+    """
+
+    gradient: Float  # Float[free]
+    matrix: Float  # Float[free, free]
+
+
+Run = list[Chunk]  # chunks that follow each other: a whole piece with states, any single chunk without
+
+
+class Accumulator:
+    """A kernel over given samples.
+
+    `widths` are the standard deviations of the smoothing, one an axis of the lowered graph. `sparse` forces one of the
+    two ways to accumulate with states: True the backward and forward sweeps, False rows in blocks.
+    """
+
+    def __init__(
+        self, kernel: Kernel, samples: Samples, widths: Float | None = None, *, sparse: bool | None = None
+    ) -> None:
+        self.kernel = kernel
+        self.samples = samples
+        self.widths = (
+            np.zeros(max(len(kernel.layout.axes), 1)) if widths is None else np.array(widths, dtype=np.float64)
+        )
+        self.stateful = bool(kernel.line.states)
+        self.sparse = (kernel.accumulates or not kernel.pattern.carried) if sparse is None else sparse
+        self.length = _chunk_length(kernel, self.sparse)
+        self.chunks = samples.chunks(self.length)
+        self._shares = self._deal()
+        self._workspaces = [Workspace(self) for _ in self._shares]
+        self._memory = np.zeros((len(self.chunks), kernel.layout.memory))
+        self._rings = np.zeros((len(self.chunks), len(kernel.layout.latencies)), dtype=np.int64)
+        self._last: Float | None = None
+        threads = min(os.cpu_count() or 1, len(self._shares))
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def _deal(self) -> list[list[Run]]:
+        runs: list[Run] = [[c] for c in self.chunks]
+        if self.stateful:
+            runs = [[c for c in self.chunks if c.piece == i] for i in range(len(self.samples.pieces))]
+        entries, columns = self.kernel.entries.room, self.kernel.values.free
+        useful = self.samples.count * (entries * entries + 100) // (20 * (columns * columns + 1000))
+        dealt = shares([sum(c.length for c in run) for run in runs], max(1, min(SHARES, useful)))
+        return [[runs[i] for i in share] for share in dealt]
+
+    def _each_share(self, work: Callable[[Workspace, list[Run]], None]) -> None:
+        jobs = list(zip(self._workspaces, self._shares, strict=True))
+        if self._pool is None:
+            for job in jobs:
+                work(*job)
+        else:
+            for done in [self._pool.submit(work, *job) for job in jobs]:
+                done.result()
+
+    def cost(self, values: Float) -> float:
+        """Sum of weighted losses; not finite where the model is not."""
+        return float(sum(self.costs(values)))
+
+    def costs(self, values: Float) -> Float:
+        """Sum of weighted losses of each output."""
+        values = np.ascontiguousarray(values, dtype=np.float64)
+        sums = np.zeros((len(self.chunks), len(self.kernel.outputs)))
+
+        def work(space: Workspace, runs: list[Run]) -> None:
+            space.use(values)
+            for run in runs:
+                space.start(run[0].first)
+                for chunk in run:
+                    self._memory[chunk.number] = space.memory
+                    self._rings[chunk.number] = space.hints[: self._rings.shape[1]]
+                    space.cost(chunk, sums[chunk.number])
+
+        self._each_share(work)
+        self._last = values.copy()
+        weights = np.array([self.samples.pieces[c.piece].scores for c in self.chunks])
+        total: Float = (sums * weights).sum(axis=0)
+        return total
+
+    def _visit_states(self, values: Float) -> Float:
+        """Make sure that the states at the start of each chunk are those of these values."""
+        values = np.ascontiguousarray(values, dtype=np.float64)
+        if self.stateful and (self._last is None or not np.array_equal(values, self._last)):
+            self.costs(values)
+        return values
+
+    def _resume(self, space: Workspace, chunk: Chunk) -> None:
+        space.memory[:] = self._memory[chunk.number]
+        space.hints[: self._rings.shape[1]] = self._rings[chunk.number]
+
+    def normal(self, values: Float) -> Normal:
+        """Gradient and Gauss-Newton matrix at these values."""
+        values = self._visit_states(values)
+
+        def work(space: Workspace, runs: list[Run]) -> None:
+            space.use(values)
+            space.gradient[:] = 0.0
+            space.matrix[:] = 0.0
+            for run in runs:
+                self._sum_run(space, run)
+
+        self._each_share(work)
+        first = self._workspaces[0]
+        for space in self._workspaces[1:]:
+            first.matrix += space.matrix
+            first.gradient += space.gradient
+        self.kernel.fold(first.matrix.ctypes.data, self.kernel.values.free)
+        return Normal(first.gradient, first.matrix)
+
+    def _sum_run(self, space: Workspace, run: Run) -> None:
+        if not self.kernel.pattern.carried:
+            for chunk in run:
+                self._resume(space, chunk)
+                space.tape(chunk)
+                space.normal(chunk)
+        elif self.sparse:
+            self._sum_sweeps(space, run)
+        else:
+            for residual, jacobian in self._row_blocks(space, run):
+                space.matrix += 0.5 * (jacobian.T @ jacobian)
+                space.gradient += jacobian.T @ residual
+
+    def _sum_sweeps(self, space: Workspace, run: Run) -> None:
+        """Backward over the chunks, keeping Q and L after each; then forward."""
+        kept: list[tuple[Float, Float]] = []
+        space.q[:], space.l[:] = 0.0, 0.0
+        for chunk in reversed(run):
+            kept.append((space.q.copy(), space.l.copy()))
+            self._resume(space, chunk)
+            space.tape(chunk)
+            space.backward(chunk)
+        self._resume(space, run[0])
+        space.begin_sensitivities(run[0].first, add_start=True)
+        for chunk, (q, l) in zip(run, reversed(kept), strict=True):  # noqa: E741
+            if len(run) > 1:
+                space.q[:], space.l[:] = q, l
+                self._resume(space, chunk)
+                space.tape(chunk)
+                space.backward(chunk)
+            space.forward(chunk)
+
+    def _row_blocks(self, space: Workspace, run: Run) -> Iterator[tuple[Float, Float]]:
+        space.begin_sensitivities(run[0].first, add_start=False)
+        for chunk in run:
+            self._resume(space, chunk)
+            space.tape(chunk)
+            yield space.rows(chunk)
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Residuals and rows of the Jacobian, both times the square root of their weight; scored samples or not.
+
+        Shapes (samples x outputs) and (samples x outputs, free), in the order of the samples.
+        """
+        values = self._visit_states(values)
+        space = self._workspaces[0]
+        space.use(values)
+        m = len(self.kernel.outputs)
+        residual = np.empty(self.samples.count * m)
+        jacobian = np.empty((self.samples.count * m, self.kernel.values.free))
+        for run in (run for share in self._shares for run in share):
+            for chunk, (r, j) in zip(run, self._row_blocks(space, run), strict=True):
+                residual[chunk.first * m : chunk.last * m] = r
+                jacobian[chunk.first * m : chunk.last * m] = j
+        return residual, jacobian
+
+
+def _chunk_length(kernel: Kernel, sparse: bool) -> int:
+    m, n, e = len(kernel.outputs), kernel.pattern.carried, kernel.entries.room
+    record = 8 * (2 * m + m * n + 2 * n * n + n + e * (m + n)) + 4 * (e + 1)
+    if not sparse:
+        record += 8 * m * kernel.values.free
+    return max(64, min(8192, TAPE_BYTES // record))

@@ -1,0 +1,285 @@
+"""Nodes of a lowered graph to LLVM IR: one step of the model as straight-line code.
+
+The code is a list of items, nodes first, in order. Long lists are cut into functions, because LLVM's passes grow
+faster than the length of a block; values that cross a cut travel through a frame in memory.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.graph import Node
+from kennfeld.graph.lowering import AxisRef, TableRef
+from kennfeld.native.elementwise import CONDITIONS, VALUES, power
+from kennfeld.native.ir import Function, literal
+from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_window
+
+__all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
+
+SEGMENT = 3000  # items a function
+
+PARAMETERS = (
+    ("ptr", "data"),  # double[inputs][stride], the samples of one input in a row
+    ("i64", "stride"),
+    ("ptr", "values"),  # double[values], all parameters one after the other
+    ("ptr", "axes"),  # double[breakpoints], all axes one after the other
+    ("ptr", "widths"),  # double[axes], standard deviations of the smoothing
+    ("ptr", "memory"),  # double[cells], the states
+    ("ptr", "hints"),  # i64[hints], ring positions and last cells
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things lie in the arrays that the compiled code is given."""
+
+    inputs: Mapping[str, int]
+    offsets: Mapping[str, int]  # first value of each parameter
+    shapes: Mapping[str, tuple[int, ...]]
+    axes: tuple[Float, ...]
+    latencies: tuple[int, ...]  # of the states
+    axis_offsets: tuple[int, ...] = field(init=False)
+    searches: dict[tuple[int, int], int] = field(default_factory=dict)  # hint of each node searched in an axis
+    memory_offsets: tuple[int, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis_offsets", _before([a.size for a in self.axes]))
+        object.__setattr__(self, "memory_offsets", _before(self.latencies))
+
+    @property
+    def memory(self) -> int:
+        """Doubles that the states need."""
+        return sum(self.latencies)
+
+    @property
+    def hints(self) -> int:
+        """Integers that ring buffers and searches need, known once everything is emitted."""
+        return len(self.latencies) + len(self.searches)
+
+    def hint(self, x: int, axis: AxisRef) -> int:
+        """Where the search of node `x` in an axis remembers its last cell."""
+        return len(self.latencies) + self.searches.setdefault((x, axis.number), len(self.searches))
+
+    def strides(self, table: str) -> list[int]:
+        """Distance of neighbours along each axis of a table, in values."""
+        shape = self.shapes[table]
+        return [int(np.prod(shape[i + 1 :])) for i in range(len(shape))]
+
+
+def _before(sizes: Sequence[int]) -> tuple[int, ...]:
+    return tuple(int(n) for n in np.cumsum([0, *sizes])[:-1])
+
+
+@dataclass(frozen=True)
+class Item:
+    """A piece of code: a node, or a tail action that uses the values of the nodes `needs`."""
+
+    needs: tuple[int, ...]
+    emit: "Callable[[Step], None]"
+    node: int | None = None
+
+
+class Step:
+    """Code under construction for one sample, within one function."""
+
+    def __init__(self, f: Function, nodes: Sequence[Node], layout: Layout, frame: Mapping[int, int]) -> None:
+        self.f = f
+        self.nodes = nodes
+        self.layout = layout
+        self.frame = frame
+        self._values: dict[int, str] = {}
+        self._conditions: dict[int, str] = {}
+        self._cells: dict[tuple[int, int], Cell] = {}
+        self._windows: dict[tuple[int, AxisRef], Window] = {}
+
+    def value(self, node: int) -> str:
+        """The double of a node, computed before."""
+        if node not in self._values:
+            if node in self._conditions:
+                self._values[node] = self.f.new(f"uitofp i1 {self._conditions[node]} to double")
+            else:
+                self._values[node] = self.f.load("%frame", self.frame[node])
+        return self._values[node]
+
+    def condition(self, node: int) -> str:
+        """The truth of a node, as an i1; NaN is true."""
+        if node not in self._conditions:
+            self._conditions[node] = self.f.new(f"fcmp une double {self.value(node)}, {literal(0.0)}")
+        return self._conditions[node]
+
+    def compute(self, node: int) -> None:
+        """Emit one node."""
+        op, args, payload = self.nodes[node]
+        f = self.f
+        if op in CONDITIONS:
+            a, b = (self.value(x) for x in args)
+            self._conditions[node] = f.new(f"fcmp {CONDITIONS[op]} double {a}, {b}")
+        elif op in ("and", "or"):
+            self._conditions[node] = f.new(f"{op} i1 {self.condition(args[0])}, {self.condition(args[1])}")
+        elif op == "not":
+            self._conditions[node] = f.new(f"xor i1 {self.condition(args[0])}, true")
+        else:
+            self._values[node] = self._double(node, op, args, payload)
+
+    def product(self, slope: str, weight: str) -> str:
+        """A slope times the weight of a grid point; 0 where the slope is 0, as in a branch that is not taken."""
+        return VALUES["guard"](self.f, slope, weight)
+
+    def _double(self, node: int, op: str, args: tuple[int, ...], payload: object) -> str:
+        f = self.f
+        match op, payload:
+            case "const", float():
+                return literal(payload)
+            case "input", str():
+                return f.load(f.at("%data", f.mul("%stride", self.layout.inputs[payload])), "%k")
+            case "state", int():
+                return f.load("%memory", self.ring(payload))
+            case "position", AxisRef():
+                cell = self._search(node, args[0], payload)
+                return f.new(f"fadd double {f.new(f'sitofp i64 {cell.index} to double')}, {cell.fraction}")
+            case "density", AxisRef():
+                return self._density(args[0], payload)
+            case "interpolate", TableRef():
+                return self._table(payload, args, None)
+            case "slope", (TableRef() as table, int() as axis):
+                return self._table(table, args, axis)
+            case "select", _:
+                return f.select(self.condition(args[0]), self.value(args[1]), self.value(args[2]))
+            case "pow", _ if (whole := self._whole(args[1])) is not None:
+                return power(f, self.value(args[0]), whole)
+            case _:
+                return VALUES[op](f, *(self.value(a) for a in args))
+
+    def _whole(self, node: int) -> int | None:
+        op, _, payload = self.nodes[node]
+        return int(payload) if op == "const" and float(payload).is_integer() and abs(payload) <= 16 else None
+
+    def ring(self, state: int) -> str:
+        """Index of the memory cell that holds the state's value of now."""
+        base = self.layout.memory_offsets[state]
+        if self.layout.latencies[state] == 1:
+            return str(base)
+        return self.f.add(self.f.load("%hints", state, "i64"), base)
+
+    def _search(self, node: int, x: int, axis: AxisRef) -> Cell:
+        f, points = self.f, self.layout.axes[axis.number]
+        if points.size == 1:
+            cell = Cell("0", f.fmul(self.value(x), literal(0.0)), single=True)
+        else:
+            at = f.at("%axes", self.layout.axis_offsets[axis.number])
+            hint = f.at("%hints", self.layout.hint(x, axis), "i64")
+            index, past, width = find_cell(f, self.value(x), at, points.size, hint)
+            fraction = f.new(f"fdiv double {past}, {width}")
+            if axis.extrapolation == "clip":
+                fraction = f.select(f.new(f"fcmp olt double {fraction}, {literal(0.0)}"), literal(0.0), fraction)
+                fraction = f.select(f.new(f"fcmp ogt double {fraction}, {literal(1.0)}"), literal(1.0), fraction)
+            cell = Cell(index, fraction)
+        self._cells[node, points.size] = cell
+        return cell
+
+    def _density(self, x: int, axis: AxisRef) -> str:
+        f, points = self.f, self.layout.axes[axis.number]
+        if points.size == 1:
+            return literal(0.0)
+        at = f.at("%axes", self.layout.axis_offsets[axis.number])
+        hint = f.at("%hints", self.layout.hint(x, axis), "i64")
+        _, _, width = find_cell(f, self.value(x), at, points.size, hint)
+        slope = f.new(f"fdiv double {literal(1.0)}, {width}")
+        if axis.extrapolation == "linear":
+            return slope
+        low, high = (literal(float(points[i])) for i in (0, -1))
+        above = f.new(f"fcmp oge double {self.value(x)}, {low}")
+        below = f.new(f"fcmp ole double {self.value(x)}, {high}")
+        return f.select(f.new(f"and i1 {above}, {below}"), slope, literal(0.0))
+
+    def sides(self, table: TableRef, args: Sequence[int]) -> list[Cell | Window]:
+        """The grid points around the coordinate, an entry an axis."""
+        shape = self.layout.shapes[table.name]
+        return [
+            self._window(a, axis) if smoothed else self._cell(a, count)
+            for a, axis, smoothed, count in zip(args, table.axes, table.smoothed, shape, strict=True)
+        ]
+
+    def _cell(self, node: int, count: int) -> Cell:
+        if (node, count) not in self._cells:
+            f, place = self.f, self.value(node)
+            if count == 1:
+                return Cell("0", f.fmul(place, literal(0.0)), single=True)
+            whole = f.new(f"call i64 @llvm.fptosi.sat.i64.f64(double {place})")
+            low = f.new(f"call i64 @llvm.smax.i64(i64 {whole}, i64 0)")
+            index = f.new(f"call i64 @llvm.smin.i64(i64 {low}, i64 {count - 2})")
+            past = f.new(f"fsub double {place}, {f.new(f'sitofp i64 {index} to double')}")
+            self._cells[node, count] = Cell(index, past)
+        return self._cells[node, count]
+
+    def _window(self, x: int, axis: AxisRef) -> Window:
+        if (x, axis) not in self._windows:
+            at = self.f.at("%axes", self.layout.axis_offsets[axis.number])
+            width = self.f.load("%widths", axis.number)
+            count = self.layout.axes[axis.number].size
+            linear = axis.extrapolation == "linear"
+            self._windows[x, axis] = smooth_window(self.f, self.value(x), at, count, width, linear)
+        return self._windows[x, axis]
+
+    def _table(self, table: TableRef, args: Sequence[int], slope: int | None) -> str:
+        f = self.f
+        base = f.at("%values", self.layout.offsets[table.name])
+        sides, strides = self.sides(table, args), self.layout.strides(table.name)
+        if not any(isinstance(side, Window) for side in sides):
+            return f.dot([(c.weight, f.load(base, c.index)) for c in corners(f, sides, strides, slope)])
+        total = f.slot("double")
+        f.store(literal(0.0), total)
+        for corner in corners(f, sides, strides, slope):
+            f.increase(f.fmul(corner.weight, f.load(base, corner.index)), total)
+        return f.load(total)
+
+
+def emit_items(
+    name: str, passed: Sequence[tuple[str, str]], items: Sequence[Item], nodes: Sequence[Node], layout: Layout
+) -> str:
+    """A function `name` that runs the items for sample `%k`; long lists become several functions.
+
+    `passed` are its parameters besides `k`.
+    """
+    segments = [items[i : i + SEGMENT] for i in range(0, len(items), SEGMENT)] or [[]]
+    whole = Function(name, [*passed, ("i64", "k")], "alwaysinline")
+    if len(segments) == 1:
+        _emit_segment(Step(whole, nodes, layout, {}), items)
+        return whole.text()
+    frame = _crossing(segments)
+    room = whole.slot("double", max(len(frame), 1))
+    given = [(kind, f"%{parameter}") for kind, parameter in whole.parameters] + [("ptr", room)]
+    texts = []
+    for number, segment in enumerate(segments):
+        part = Function(f"{name}_{number}", [*whole.parameters, ("ptr", "frame")], "noinline")
+        step = Step(part, nodes, layout, frame)
+        _emit_segment(step, segment)
+        for item in segment:
+            if item.node is not None and item.node in frame:
+                part.store(step.value(item.node), "%frame", frame[item.node])
+        texts.append(part.text())
+        whole.call(part.name, given)
+    return "".join(texts) + whole.text()
+
+
+def _emit_segment(step: Step, items: Sequence[Item]) -> None:
+    for item in items:
+        for needed in item.needs:
+            step.value(needed)
+        item.emit(step)
+
+
+def _crossing(segments: Sequence[Sequence[Item]]) -> dict[int, int]:
+    """Frame slots of the nodes that are used in a later segment than their own."""
+    home: dict[int, int] = {}
+    frame: dict[int, int] = {}
+    for number, segment in enumerate(segments):
+        for item in segment:
+            for needed in item.needs:
+                if home.get(needed, number) != number:
+                    frame.setdefault(needed, len(frame))
+            if item.node is not None:
+                home[item.node] = number
+    return frame

@@ -1,0 +1,161 @@
+"""A model compiled for one set of free parameters: cost, gradient and Gauss-Newton matrix as native functions."""
+
+import ctypes
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.graph import Node
+from kennfeld.graph.derivative import Linearization, differentiate
+from kennfeld.graph.lowering import Lowered
+from kennfeld.native.emitter import PARAMETERS, Layout
+from kennfeld.native.engine import Engine
+from kennfeld.native.step import (
+    TAPE,
+    Output,
+    cost_text,
+    entries_of,
+    start_text,
+    tape_text,
+)
+from kennfeld.native.sweeps import ENTRIES, SUMS, Pattern, sweeps_text
+from kennfeld.native.tables import search_function, smooth_function
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Kernel", "Values", "input_rows", "order_values"]
+
+_KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
+_WIDE, _PTR = ctypes.c_int64, ctypes.c_void_p
+
+
+@dataclass(frozen=True)
+class Values:
+    """All values of the looked-up parameters in one array: those of free parameters first, as columns of J.
+
+    Parameters that can reach a state come before the others; `reach` counts their values.
+    """
+
+    offsets: dict[str, int]
+    free: int
+    reach: int
+    total: int
+
+    def pack(self, parameters: ParameterSet) -> Float:
+        """The array that holds these parameters."""
+        flat = np.empty(self.total)
+        for name, at in self.offsets.items():
+            values = parameters[name].values
+            flat[at : at + values.size] = values.ravel()
+        return flat
+
+    def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
+        """The set with the free values replaced."""
+        changed = [
+            parameters[name].with_values(flat[at : at + parameters[name].size])
+            for name, at in self.offsets.items()
+            if at < self.free
+        ]
+        return parameters.with_parameters(*changed)
+
+
+def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Collection[str]) -> Values:
+    """Offsets of the parameters in the array of values."""
+    states = [*line.slopes[len(line.outputs) :], *line.start_slopes]
+    reaching = {line.nodes[at].payload.name for row in states for at in row if at not in line.seeds}
+    groups = [
+        [n for n in used if n in free and n in reaching],
+        [n for n in used if n in free and n not in reaching],
+        [n for n in used if n not in free],
+    ]
+    offsets: dict[str, int] = {}
+    ends, at = [], 0
+    for group in groups:
+        for name in group:
+            offsets[name] = at
+            at += parameters[name].size
+        ends.append(at)
+    return Values(offsets, free=ends[1], reach=ends[0], total=at)
+
+
+class Kernel:
+    """The native functions of a lowered graph, for given outputs and free parameters.
+
+    Making one compiles it. A kernel holds no data and can be used by several threads at once.
+    """
+
+    def __init__(
+        self, lowered: Lowered, outputs: Sequence[Output], parameters: ParameterSet, free: Collection[str]
+    ) -> None:
+        graph = lowered.graph
+        self.outputs = tuple(outputs)
+        self.line = differentiate(graph, [output.node for output in outputs], free)
+        self.values = order_values(self.line, parameters, tuple(lowered.shapes), free)
+        self.layout = Layout(
+            input_rows(graph.nodes),
+            self.values.offsets,
+            lowered.shapes,
+            lowered.axes,
+            tuple(state.latency for state in graph.states),
+        )
+        self.axes = np.concatenate([np.zeros(0), *lowered.axes])
+        self.pattern = _pattern(self.line)
+        self.entries = entries_of(self.line, self.layout, self.line.atoms)
+        self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)
+        self._engine = Engine(self._text())
+        self._bind()
+
+    def _text(self) -> str:
+        parts = [
+            search_function(),
+            smooth_function(),
+            cost_text(self.line, self.layout, self.outputs),
+            tape_text(self.line, self.layout, self.outputs),
+            sweeps_text(self.pattern),
+        ]
+        if self.line.states:
+            parts.append(start_text(self.line, self.layout))
+        return "".join(parts)
+
+    def _bind(self) -> None:
+        model = [_KINDS[kind] for kind, _ in PARAMETERS]
+        entries, sums = ([_KINDS[kind] for kind, _ in group] for group in (ENTRIES, SUMS))
+        function = self._engine.function
+        self.cost = function("cost", [*model, _PTR, _PTR, _WIDE, _WIDE])
+        self.tape = function("tape", [*model, *([_PTR] * len(TAPE)), _WIDE, _WIDE])
+        self.rows = function("rows", [_WIDE, *([_PTR] * 4), _WIDE, _PTR, _PTR, *entries, _PTR, _WIDE])
+        self.fold = function("fold", [_PTR, _WIDE])
+        if self.line.states:
+            self.start = function("start", [*model, _PTR, _PTR, _PTR, _WIDE])
+        if self.pattern.carried == 0:
+            self.normal = function("normal", [_WIDE, _PTR, _PTR, *entries, *sums])
+        elif self.pattern.accumulates:
+            self.backward = function("backward", [_WIDE, *([_PTR] * 8)])
+            self.forward = function("forward", [_WIDE, *([_PTR] * 7), _WIDE, *entries, *sums])
+
+    @property
+    def hints(self) -> int:
+        """Integers that a run needs for ring buffers and searches."""
+        return max(self.layout.hints, 1)
+
+    @property
+    def accumulates(self) -> bool:
+        """Whether backward and forward sweeps are cheaper than rows, with states."""
+        pattern = self.pattern
+        return pattern.accumulates and pattern.carried * self.entries.room < self.values.free / 2
+
+
+def _pattern(line: Linearization) -> Pattern:
+    m, n = len(line.outputs), len(line.seeds)
+    present = [frozenset(i for i, seed in enumerate(line.seeds) if seed in row) for row in line.slopes]
+    c, a = (
+        frozenset(row * n + i for row, columns in enumerate(rows) for i in columns)
+        for rows in (present[:m], present[m:])
+    )
+    return Pattern(m, tuple(line.states[i].latency for i in line.carried), c, a)
+
+
+def input_rows(nodes: Sequence[Node]) -> dict[str, int]:
+    """The row of each input in the data."""
+    return {name: i for i, name in enumerate(dict.fromkeys(n.payload for n in nodes if n.op == "input"))}

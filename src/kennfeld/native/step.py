@@ -1,0 +1,304 @@
+"""The compiled functions of one model: simulate, sum the cost, and write the tape of linearised steps.
+
+The tape holds, for each sample, what the sums over samples need and nothing of the model's form:
+
+| array | holds |
+|---|---|
+| residual, weight | [outputs], 0 where a sample is not scored |
+| c | [outputs][carried], slopes of outputs with respect to states |
+| a | [carried][carried], slopes of next states with respect to states |
+| index, slope | [entries], [entries][outputs + carried]: column and slopes of each value that the step touches |
+| count | how many entries |
+
+An entry is a grid point of a lookup; one column may occur in several entries.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from kennfeld.graph import Node
+from kennfeld.graph.derivative import Linearization
+from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
+from kennfeld.native.ir import Function, literal
+from kennfeld.native.tables import corners
+
+__all__ = ["Loss", "Output", "cost_text", "entries_of", "start_text", "tape_text", "values_text"]
+
+Loss = Literal["square", "huber", "soft_l1"]
+RANGE = (("i64", "first"), ("i64", "last"))
+TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
+ZERO = literal(0.0)
+
+
+@dataclass(frozen=True)
+class Output:
+    """How the difference between a node and its target counts."""
+
+    node: int
+    scale: float = 1.0
+    loss: Loss = "square"
+    delta: float = 1.0
+
+
+def needed_nodes(nodes: Sequence[Node], roots: Sequence[int]) -> list[int]:
+    """The nodes that the roots need, in order."""
+    seen = set(roots)
+    stack = list(seen)
+    while stack:
+        for a in nodes[stack.pop()].args:
+            if a not in seen:
+                seen.add(a)
+                stack.append(a)
+    return sorted(seen)
+
+
+def node_items(nodes: Sequence[Node], roots: Sequence[int]) -> list[Item]:
+    """An item for each node that the roots need."""
+
+    def compute(node: int) -> Callable[[Step], None]:
+        return lambda step: step.compute(node)
+
+    return [Item(nodes[n].args, compute(n), n) for n in needed_nodes(nodes, roots)]
+
+
+Items = Sequence[Item]
+Arguments = Sequence[tuple[str, str]]
+
+
+def _loop(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout) -> str:
+    """A function that runs the step and `tail` for each sample of a range, `%row` counting from its first."""
+    passed = [*PARAMETERS, *extra, ("i64", "row")]
+    roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
+    items = [*node_items(line.nodes, roots), *tail, *_advance(line, layout)]
+    step = emit_items(f"{name}_step", passed, items, line.nodes, layout)
+    f = Function(name, [*PARAMETERS, *extra, *RANGE])
+    with f.loop("%first", "%last") as k:
+        row = f.new(f"sub i64 {k}, %first")
+        f.call(f"{name}_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", row), ("i64", k)])
+    return step + f.text()
+
+
+def _advance(line: Linearization, layout: Layout) -> list[Item]:
+    """Write the next value of every state, after all reads."""
+
+    def emit(step: Step) -> None:
+        f = step.f
+        for i, state in enumerate(line.states):
+            f.store(step.value(state.next), "%memory", step.ring(i))
+            if state.latency > 1:
+                following = f.add(f.load("%hints", i, "i64"), 1)
+                wrapped = f.new(f"icmp eq i64 {following}, {state.latency}")
+                f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%hints", i, "i64")
+
+    return [Item(tuple(state.next for state in line.states), emit)] if line.states else []
+
+
+def values_text(line: Linearization, layout: Layout, roots: Sequence[int]) -> str:
+    """`values(..., out, out_stride, first, last)`: the roots of each sample, out[root][sample - first]."""
+
+    def write(at: int, root: int) -> Item:
+        def emit(step: Step) -> None:
+            f = step.f
+            f.store(step.value(root), f.at("%out", f.mul("%out_stride", at)), "%row")
+
+        return Item((root,), emit)
+
+    tail = [write(at, root) for at, root in enumerate(roots)]
+    return _loop("values", [("ptr", "out"), ("i64", "out_stride")], tail, line, layout)
+
+
+def cost_text(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> str:
+    """`cost(..., targets, sums, first, last)`: adds each output's sum of losses to sums[output]."""
+
+    def add(at: int, output: Output) -> Item:
+        def emit(step: Step) -> None:
+            f = step.f
+            residual, scored = _residual(step, at, output)
+            loss, _ = _loss(f, residual, output)
+            f.increase(f.select(scored, loss, ZERO), "%sums", at)
+
+        return Item((output.node,), emit)
+
+    tail = [add(at, output) for at, output in enumerate(outputs)]
+    return _loop("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout)
+
+
+def _residual(step: Step, at: int, output: Output) -> tuple[str, str]:
+    """(value - target) / scale, and whether the sample is scored: a target of NaN is not."""
+    f = step.f
+    target = f.load(f.at("%targets", f.mul("%stride", at)), "%k")
+    difference = f.new(f"fsub double {step.value(output.node)}, {target}")
+    return f.fmul(difference, literal(1.0 / output.scale)), f.new(f"fcmp ord double {target}, {target}")
+
+
+def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
+    """The loss of a residual, and its slope over 2 r, the weight of the equivalent square."""
+    square = f.fmul(r, r)
+    delta = literal(output.delta)
+    match output.loss:
+        case "square":
+            return square, literal(1.0)
+        case "huber":
+            size = f.new(f"call double @llvm.fabs.f64(double {r})")
+            beyond = f.new(f"fcmp ogt double {size}, {delta}")
+            line = f.fmul(delta, f.new(f"fsub double {f.fmul(literal(2.0), size)}, {delta}"))
+            return f.select(beyond, line, square), f.select(beyond, f.new(f"fdiv double {delta}, {size}"), literal(1.0))
+        case "soft_l1":
+            share = f.fmul(square, literal(output.delta**-2))
+            root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {literal(1.0)}, {share}')})")
+            loss = f.fmul(literal(2 * output.delta**2), f.new(f"fsub double {root}, {literal(1.0)}"))
+            return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
+
+
+@dataclass(frozen=True)
+class Entries:
+    """How many entries a tape has room for; `fixed` if every sample writes exactly as many."""
+
+    room: int
+    fixed: bool
+
+
+def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Entries:
+    """Room for the grid points that the atoms of one sample touch."""
+    room, fixed = 0, True
+    for atom in atoms:
+        points = 1
+        table = line.nodes[atom].payload
+        for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
+            points *= count if smoothed else min(count, 2)
+            fixed = fixed and not smoothed
+        room += points
+    return Entries(room, fixed)
+
+
+def tape_text(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> str:
+    """`tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range, see the module.
+
+    `scores[output]` is the weight of the dataset and criterion.
+    """
+    m, n = len(outputs), len(line.carried)
+    entries = entries_of(line, layout, line.atoms)
+
+    def residuals(at: int, output: Output) -> Item:
+        def emit(step: Step) -> None:
+            f = step.f
+            residual, scored = _residual(step, at, output)
+            _, weight = _loss(f, residual, output)
+            scored_weight = f.fmul(weight, f.load("%scores", at))
+            place = f.add(f.mul("%row", m), at)
+            f.store(f.select(scored, residual, ZERO), "%residual", place)
+            f.store(f.select(scored, scored_weight, ZERO), "%weight", place)
+            for i, seed in enumerate(line.seeds):
+                slope = _output_slope(step, line, output, at, seed)
+                f.store(slope, "%c", f.add(f.mul(place, n), i))
+
+        needs = (output.node, *_present(line.slopes[at], line.seeds))
+        return Item(needs, emit)
+
+    def next_state(row: int) -> Item:
+        slopes = line.slopes[m + row]
+
+        def emit(step: Step) -> None:
+            f = step.f
+            place = f.mul(f.add(f.mul("%row", n), row), n)
+            for i, seed in enumerate(line.seeds):
+                f.store(step.value(slopes[seed]) if seed in slopes else ZERO, "%a", f.add(place, i))
+
+        return Item(_present(slopes, line.seeds), emit)
+
+    tail = [residuals(at, output) for at, output in enumerate(outputs)]
+    tail += [next_state(row) for row in range(n)]
+    tail += _entry_items(line, layout, line.atoms, line.slopes, outputs, entries)
+    return _loop("tape", TAPE, tail, line, layout)
+
+
+def _present(slopes: Mapping[int, int], seeds: Sequence[int]) -> tuple[int, ...]:
+    return tuple(slopes[seed] for seed in seeds if seed in slopes)
+
+
+def _output_slope(step: Step, line: Linearization, output: Output, at: int, seed: int) -> str:
+    """Slope of a residual; 0 where the sample is not scored, whatever the slope is there."""
+    f = step.f
+    if seed not in line.slopes[at]:
+        return ZERO
+    _, scored = _residual(step, at, output)
+    slope = f.fmul(step.value(line.slopes[at][seed]), literal(1.0 / output.scale))
+    return f.select(scored, slope, ZERO)
+
+
+def _entry_items(
+    line: Linearization,
+    layout: Layout,
+    atoms: Sequence[int],
+    rows: Sequence[Mapping[int, int]],
+    outputs: Sequence[Output],
+    entries: Entries,
+) -> list[Item]:
+    """Items that write the entries of each atom: its grid points' columns and their slopes, a row after the other."""
+    width = len(rows)
+
+    def write(atom: int, at: int) -> Item:
+        table = line.nodes[atom].payload
+        args = line.nodes[atom].args
+        slopes = [slopes.get(atom) for slopes in rows]
+
+        def emit(step: Step) -> None:
+            f = step.f
+            row_slopes = [
+                ZERO
+                if slope is None
+                else _output_slope(step, line, outputs[row], row, atom)
+                if row < len(outputs)
+                else step.value(slope)
+                for row, slope in enumerate(slopes)
+            ]
+            start = f.mul("%row", entries.room)
+            base = layout.offsets[table.name]
+            for number, corner in enumerate(corners(f, step.sides(table, args), layout.strides(table.name))):
+                count = str(at + number) if entries.fixed else f.load("%count", "%row", "i32")
+                wide = count if entries.fixed else f.new(f"sext i32 {count} to i64")
+                place = f.add(start, wide)
+                column = f.new(f"trunc i64 {f.add(corner.index, base)} to i32")
+                f.store(column, "%index", place, "i32")
+                for row, slope in enumerate(row_slopes):
+                    product = ZERO if slope == ZERO else step.product(slope, corner.weight)
+                    f.store(product, "%slope", f.add(f.mul(place, width), row))
+                if not entries.fixed:
+                    f.store(f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
+
+        return Item((*args, *(s for s in slopes if s is not None)), emit)
+
+    def begin(step: Step) -> None:
+        step.f.store(str(entries.room if entries.fixed else 0), "%count", "%row", "i32")
+
+    items, at = [Item((), begin)], 0
+    for atom in atoms:
+        items.append(write(atom, at))
+        at += entries_of(line, layout, [atom]).room
+    return items
+
+
+def start_text(line: Linearization, layout: Layout) -> str:
+    """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
+    entries = entries_of(line, layout, line.start_atoms)
+
+    def fill(step: Step) -> None:
+        f = step.f
+        for i, state in enumerate(line.states):
+            first = step.value(line.starts[i])
+            base = f.at("%memory", layout.memory_offsets[i])
+            with f.loop(0, state.latency) as slot:
+                f.store(first, base, slot)
+            if state.latency > 1:
+                f.store("0", "%hints", i, "i64")
+
+    items = node_items(line.nodes, [*line.starts, *(at for row in line.start_slopes for at in row.values())])
+    items += _entry_items(line, layout, line.start_atoms, line.start_slopes, (), entries)
+    items.append(Item(tuple(line.starts), fill))
+    extra = [("ptr", "index"), ("ptr", "slope"), ("ptr", "count")]
+    passed = [*PARAMETERS, *extra, ("i64", "row")]
+    step = emit_items("start_step", passed, items, line.nodes, layout)
+    f = Function("start", [*PARAMETERS, *extra, ("i64", "k")])
+    f.call("start_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", "0"), ("i64", "%k")])
+    return step + f.text()

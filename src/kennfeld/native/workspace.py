@@ -1,0 +1,123 @@
+"""The arrays one thread works in, and the native calls on them."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.samples import Chunk, Samples
+
+__all__ = ["Workspace"]
+
+
+class Owner(Protocol):
+    """What a workspace belongs to."""
+
+    kernel: Kernel
+    samples: Samples
+    widths: Float
+    length: int
+
+
+class Workspace:
+    """Tape, states and sums of one thread."""
+
+    def __init__(self, owner: Owner) -> None:
+        kernel, length = owner.kernel, owner.length
+        m, n, entries = len(kernel.outputs), kernel.pattern.carried, kernel.entries.room
+        columns, reach = kernel.values.free, kernel.values.reach
+        self.kernel, self.samples, self.widths = kernel, owner.samples, owner.widths
+        self.memory = np.zeros(kernel.layout.memory)
+        self.hints = np.zeros(kernel.hints, dtype=np.int64)
+        self.residual, self.weight = np.zeros((2, length, m))
+        self.c, self.a = np.zeros((length, m, n)), np.zeros((length, n, n))
+        self.index = np.zeros((length, entries), dtype=np.int32)
+        self.slope = np.zeros((length, entries, m + n))
+        self.count = np.zeros(length, dtype=np.int32)
+        first = kernel.start_entries.room
+        self._start = (np.zeros(first, dtype=np.int32), np.zeros((first, n)), np.zeros(1, dtype=np.int32))
+        self.q, self.l = np.zeros((n, n)), np.zeros(n)
+        self.q_next, self.l_next = np.zeros((length, n, n)), np.zeros((length, n))
+        self.latencies = kernel.pattern.latencies
+        self.sensitivities, self.next = np.zeros((sum(self.latencies), reach)), np.zeros((n, reach))
+        self.turn = np.zeros(max(n, 1), dtype=np.int64)
+        self.gradient, self.matrix = np.zeros(columns), np.zeros((columns, columns))
+        self._jacobian: Float | None = None
+        self._entries = (_at(self.index), _at(self.slope), _at(self.count), entries)
+        self._sums = (_at(self.matrix), columns, _at(self.gradient))
+        self._steps = (_at(self.residual), _at(self.weight), _at(self.c), _at(self.a))
+        self._model: tuple[int, ...] = ()
+
+    def use(self, values: Float) -> None:
+        """Take these values for the calls that follow; the array must live until then."""
+        samples = self.samples
+        self._values = values
+        self._model = (
+            *(_at(samples.data), samples.data.shape[1], _at(values), _at(self.kernel.axes)),
+            *(_at(self.widths), _at(self.memory), _at(self.hints)),
+        )
+
+    def start(self, sample: int) -> None:
+        """First values of the states, and the entries of their slopes."""
+        if self.kernel.line.states:
+            self.kernel.start(*self._model, *(_at(array) for array in self._start), sample)
+
+    def cost(self, chunk: Chunk, sums: Float) -> None:
+        """Add each output's losses over a chunk, before its weight."""
+        self.kernel.cost(*self._model, _at(self.samples.targets), _at(sums), chunk.first, chunk.last)
+
+    def tape(self, chunk: Chunk) -> None:
+        """Write the tape of a chunk, from the states as they stand."""
+        scores = self.samples.pieces[chunk.piece].scores
+        head = (_at(self.samples.targets), _at(scores), *self._steps, *self._entries[:3])
+        self.kernel.tape(*self._model, *head, chunk.first, chunk.last)
+
+    def normal(self, chunk: Chunk) -> None:
+        """Add the tape to the sums, without states."""
+        self.kernel.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
+
+    def backward(self, chunk: Chunk) -> None:
+        """Q and L after each sample of the tape."""
+        ends = (_at(self.q), _at(self.l), _at(self.q_next), _at(self.l_next))
+        self.kernel.backward(chunk.length, *self._steps, *ends)
+
+    def forward(self, chunk: Chunk) -> None:
+        """Add the tape to the sums, and carry S over it."""
+        later = (_at(self.q_next), _at(self.l_next), _at(self.sensitivities), self.kernel.values.reach)
+        self.kernel.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
+
+    def rows(self, chunk: Chunk) -> tuple[Float, Float]:
+        """Residuals and Jacobian of the tape, times the square root of the weights; S is carried over it."""
+        columns, m = self.kernel.values.free, len(self.kernel.outputs)
+        if self._jacobian is None:
+            self._jacobian = np.zeros((len(self.count) * m, columns))
+        carried = (_at(self.sensitivities), self.kernel.values.reach, _at(self.turn), _at(self.next))
+        jacobian = (_at(self._jacobian), columns)
+        self.kernel.rows(chunk.length, *self._steps[1:], *carried, *self._entries, *jacobian)
+        residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
+        return residual.ravel(), self._jacobian[: chunk.length * m]
+
+    def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
+        """S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L of there."""
+        self.sensitivities[:] = 0.0
+        self.turn[:] = 0
+        if not self.kernel.line.start_atoms:
+            return
+        self.start(sample)
+        index, slope, counted = self._start
+        count, n = int(counted[0]), self.kernel.pattern.carried
+        columns = index[:count].astype(np.int64)
+        first = np.zeros((n, self.kernel.values.reach))
+        np.add.at(first.T, columns, slope[:count])
+        self.sensitivities[:] = np.repeat(first, self.latencies, axis=0)
+        if add_start:
+            used = np.unique(columns)
+            part = first[:, used]
+            self.matrix[np.ix_(used, used)] += 0.5 * part.T @ self.q @ part
+            self.gradient[used] += part.T @ self.l
+
+
+def _at(array: NDArray[Any]) -> int:
+    return array.ctypes.data
