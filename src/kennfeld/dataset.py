@@ -90,7 +90,8 @@ class Dataset(Mapping[str, Channel]):
         if bad.size:
             k = int(bad[0])
             raise ArgumentError(
-                f"time of dataset {self.name} does not increase at sample {k + 1}: {time[k]:g} s, then {time[k + 1]:g} s"
+                f"time of dataset {self.name} does not increase at sample {k + 1}: "
+                f"{time[k]:g} s, then {time[k + 1]:g} s"
             )
         object.__setattr__(self, "time", time)
 

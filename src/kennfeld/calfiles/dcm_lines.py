@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from kennfeld.calfiles.format import Notes
 from kennfeld.errors import nearest
 
-__all__ = ["Block", "DcmLines", "Statement", "split", "unquoted"]
+__all__ = ["Block", "DcmLines", "Statement", "recognises_dcm", "split", "unquoted"]
 
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 
@@ -37,6 +37,7 @@ _GROUP_AXIS = re.compile(r"\s*\*\s*(SSTX|SSTY|SST)(?:\s+(.*?))?\s*$")
 _SIZE = re.compile(r"[1-9]\d{0,9}")
 _BLOCK_HEADER = re.compile(r"(\S+)\s+(\d+)(?:\s*@\s*(\d+))?\s*$")
 _ESCAPED = re.compile(r'\\(["\\])')
+_RECOGNISED = re.compile(rf"^[ \t]*(?:{'|'.join(sorted(_BLOCKS | _LISTS | _SINGLE))})(?:\s|$)", re.MULTILINE)
 _MOST_GUESSES = 20  # a garbled file must not spend its time on guessing keywords
 
 
@@ -68,9 +69,9 @@ class DcmLines:
 
 
 def unquoted(rest: str) -> str:
-    """The text between the first and the last quote of a line, or the bare words.
+    r"""The text between the first and the last quote of a line, or the bare words.
 
-    >>> unquoted('"say \\\\"yes\\\\"" ')
+    >>> unquoted(r'"say \"yes\"" ')
     'say "yes"'
     """
     first, last = rest.find('"'), rest.rfind('"')
@@ -78,6 +79,11 @@ def unquoted(rest: str) -> str:
         return rest.strip()
     inner = rest[first + 1 : last if last > first else None]
     return _ESCAPED.sub(r"\1", inner) if "\\" in inner else inner
+
+
+def recognises_dcm(text: str) -> bool:
+    """Whether any line of a text opens a DCM block or states its version."""
+    return _RECOGNISED.search(text) is not None
 
 
 def split(text: str, notes: Notes) -> DcmLines:

@@ -1,15 +1,15 @@
 """DCM blocks as parameters: numbers, axes, units, group axes; every block is checked before anything is built."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from math import isfinite, prod
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.dcm_lines import Block as Lines
 from kennfeld.calfiles.dcm_lines import split, unquoted
-from kennfeld.calfiles.format import Content, Notes, Source
-from kennfeld.errors import ArgumentError
+from kennfeld.calfiles.format import Content, Notes, Source, counted
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
 
 __all__ = ["read_dcm"]
@@ -26,6 +26,15 @@ class _Table:
     groups: tuple[str, ...] = ()  # the group axis each axis refers to
 
 
+@dataclass(frozen=True)
+class _Numbers:
+    """All numbers behind one keyword of a block."""
+
+    values: Float
+    line: int  # where they begin
+    rows: tuple[tuple[int, str, int], ...] = ()  # each ST/Y: its line, its text, how many numbers stood before it
+
+
 @dataclass
 class _Found:
     """What the blocks hold, by name."""
@@ -33,6 +42,7 @@ class _Found:
     tables: dict[str, _Table] = field(default_factory=dict)
     texts: dict[str, tuple[Lines, Text]] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
+    axis_lines: dict[str, Lines] = field(default_factory=dict)
 
 
 def read_dcm(source: Source) -> Content:
@@ -64,52 +74,61 @@ class _Reader:
         self.found = _Found()
 
     def take_axis(self, block: Lines) -> None:
+        """Keep a group axis."""
         points = self._axis_points(block, 0)
         if points is None:
             return
         axis = Axis(points, unit=block.text_of("EINHEIT_X"), name=block.name)
-        first = self.found.axes.setdefault(block.name, axis)
-        if not np.array_equal(first.breakpoints, points):
-            self._twice(block, 0, "other breakpoints")
+        known = self.found.axes.setdefault(block.name, axis)
+        first = self.found.axis_lines.setdefault(block.name, block)
+        if not np.array_equal(known.breakpoints, points):
+            self._repeated(block, first, "with other breakpoints")
 
     def take(self, block: Lines) -> None:
+        """Check a block and keep what it holds."""
+        keys = [key for _, key, _ in block.statements]
+        if "VAR" in keys and {"WERT", "TEXT"} & set(keys[: keys.index("VAR")]):
+            what = f"the value of variant {block.rest_of('VAR').strip()} is left aside"
+            self.notes.remark(block.line, block.name, what)
         if block.keyword in ("FESTWERT", "TEXTSTRING") and block.rest_of("TEXT"):
-            return self._take_text(block)
-        texts = [key for _, key, _ in block.statements if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
+            self._take_text(block)
+            return
+        texts = [key for key in keys if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
         if texts:
             what = f"{block.keyword} holds text ({texts[0]}), which is no number to calibrate; left aside"
-            return self.notes.remark(block.line, block.name, what)
+            self.notes.remark(block.line, block.name, what)
+            return
         table = self._table(block)
         if table is not None:
             self._take_table(block, table)
-        return None
 
     def _take_text(self, block: Lines) -> None:
         text = Text(block.name, unquoted(block.rest_of("TEXT")), block.text_of("LANGNAME"))
         first, known = self.found.texts.setdefault(block.name, (block, text))
         if block.name in self.found.tables:
-            self._twice(block, self.found.tables[block.name].lines.line, "as a number")
+            self._twice(block, self.found.tables[block.name].lines.line, "as a text")
         elif known.text != text.text:
-            self._repeated(block, first, "another text")
+            self._repeated(block, first, "with another text")
 
     def _take_table(self, block: Lines, table: _Table) -> None:
         if block.name in self.found.texts:
-            return self._twice(block, self.found.texts[block.name][0].line, "as a text")
+            self._twice(block, self.found.texts[block.name][0].line, "as a number")
+            return
         known = self.found.tables.setdefault(block.name, table)
         if not _same_values(known.member, table.member):
-            self._repeated(block, known.lines, "other values")
-        return None
+            self._repeated(block, known.lines, "with other values")
 
     def _repeated(self, block: Lines, first: Lines, difference: str) -> None:
         """One label may occur once a variant; the first variant counts."""
         if block.rest_of("VAR").strip() == first.rest_of("VAR").strip():
-            return self._twice(block, first.line, difference)
-        what = f"is another variant (VAR {block.rest_of('VAR').strip()}) of the block in line {first.line}; left aside"
-        return self.notes.remark(block.line, block.name, what)
+            self._twice(block, first.line, difference)
+        else:
+            variant = block.rest_of("VAR").strip()
+            what = f"is another variant ({variant}) of the block in line {first.line}; left aside"
+            self.notes.remark(block.line, block.name, what)
 
     def _twice(self, block: Lines, line: int, difference: str) -> None:
-        where = f"line {line}" if line else "a block before"
-        what = f"{block.name} is defined a second time, with {difference} than in {where}"
+        what = f"{block.name} is defined a second time, {difference}, after line {line}"
         self.notes.error(block.line, block.name, what, "Keep one of the two.")
 
     def _table(self, block: Lines) -> _Table | None:
@@ -134,21 +153,13 @@ class _Reader:
         letter, keyword, _, group = _AXES[direction]
         if not any(key == keyword for _, key, _ in block.statements):
             return self._points_elsewhere(block, direction, self._axis_named(block.rest_of(group)))
-        points, line = self._numbers(block, keyword)
-        if points is None:
+        found = self._numbers(block, keyword)
+        if found is None:
             return None
-        if len(points) != block.sizes[direction]:
-            what = f"has {_count(len(points), f'{letter} breakpoint')}, its header asks for {block.sizes[direction]}"
-            return self.notes.error(line, block.name, what)
-        falling = np.flatnonzero(np.diff(points) <= 0)
-        if falling.size:
-            at = int(falling[0])
-            what = (
-                f"the {letter} axis does not increase: breakpoint {at + 2} ({points[at + 1]:g}) "
-                f"does not exceed breakpoint {at + 1} ({points[at]:g})"
-            )
-            return self.notes.error(line, block.name, what, "Each breakpoint must be larger than the one before.")
-        return points
+        wrong = _wrong_axis(letter, found.values, block.sizes[direction])
+        if wrong:
+            self.notes.error(found.line, block.name, *wrong)
+        return None if wrong else found.values
 
     def _points_elsewhere(self, block: Lines, direction: int, group: Axis | None) -> Float | None:
         """DCM 1.x writes group and fixed tables without breakpoints; a distribution may hold them."""
@@ -164,73 +175,60 @@ class _Reader:
         return None
 
     def _values(self, block: Lines, sizes: tuple[int, ...]) -> Float | None:
-        values, _ = self._numbers(block, "WERT")
-        if values is None or not self._rows_complete(block, len(values)):
+        found = self._numbers(block, "WERT")
+        if found is None or not self._rows_complete(block, found):
             return None
-        wanted = 1
-        for size in sizes:
-            wanted *= size
-        if len(values) != wanted:
+        count, wanted = len(found.values), prod(sizes)
+        if count != wanted:
             asked = f"{' x '.join(map(str, sizes))} = {wanted}" if len(sizes) > 1 else str(wanted)
-            source = "its header asks" if sizes else f"{block.keyword} asks"
-            self.notes.error(block.line, block.name, f"has {_count(len(values), 'value')}, {source} for {asked}")
+            self.notes.error(block.line, block.name, f"has {counted(count, 'value')}, its header asks for {asked}")
             return None
-        return values.reshape(sizes[::-1]).T
+        return found.values.reshape(sizes[::-1]).T
 
-    def _rows_complete(self, block: Lines, total: int) -> bool:
+    def _rows_complete(self, block: Lines, found: _Numbers) -> bool:
         """Whether each ST/Y of a map is followed by one row; a table of the right size may still be shifted."""
-        if block.sizes is None or len(block.sizes) != 2 or block.keyword == "FESTWERTEBLOCK":
+        if block.sizes is None or len(block.sizes) < 2 or len(found.rows) != block.sizes[1]:
             return True
-        starts: list[tuple[int, str, int]] = []
-        taken = 0
-        for line, keyword, rest in block.statements:
-            if keyword == "ST/Y":
-                starts.append((line, rest, taken))
-            elif keyword == "WERT":
-                taken += len(rest.split())
-        if len(starts) != block.sizes[1]:
-            return True
-        ends = [start for _, _, start in starts[1:]] + [total]
-        short = [(line, rest, end - start) for (line, rest, start), end in zip(starts, ends, strict=True)]
-        short = [row for row in short if row[2] != block.sizes[0]]
-        for line, rest, count in short:
-            what = f"the row at y = {rest.strip()} has {_count(count, 'value')}, the header asks for {block.sizes[0]}"
-            self.notes.error(line, block.name, what)
-        return not short
+        ends = [start for _, _, start in found.rows[1:]] + [len(found.values)]
+        complete = True
+        for (line, rest, start), end in zip(found.rows, ends, strict=True):
+            if end - start != block.sizes[0]:
+                count = counted(end - start, "value")
+                what = f"the row at y = {rest.strip()} has {count}, the header asks for {block.sizes[0]}"
+                self.notes.error(line, block.name, what)
+                complete = False
+        return complete
 
-    def _numbers(self, block: Lines, keyword: str) -> tuple[Float | None, int]:
-        """All numbers behind a keyword, and the line where they begin; None where one of them is none."""
+    def _numbers(self, block: Lines, keyword: str) -> _Numbers | None:
+        """All numbers behind a keyword; None where one of them is none."""
         numbers: list[float] = []
-        usable, begin = True, 0
-        for line, key, rest in block.statements:
-            if key == keyword:
-                begin = begin or line
-                try:
-                    numbers += map(float, rest.split())
-                except ValueError:
-                    usable = self._wrong_number(block, line, rest)
-                if "_" in rest:
-                    usable = self._wrong_number(block, line, rest)
-        made = np.array(numbers, dtype=np.float64)
-        if usable and not np.isfinite(made).all():
-            usable = self._not_finite(block, keyword)
-        return (made if usable else None), begin or block.line
+        rows: list[tuple[int, str, int]] = []
+        begin = 0
+        try:
+            for line, key, rest in block.statements:
+                if key == keyword:
+                    begin = begin or line
+                    numbers += map(_strict_float if "_" in rest else float, rest.split())
+                elif key == "ST/Y":
+                    rows.append((line, rest, len(numbers)))
+        except ValueError:
+            self._wrong_numbers(block, keyword)
+            return None
+        values = np.array(numbers, dtype=np.float64)
+        if not np.isfinite(values).all():
+            self._wrong_numbers(block, keyword)
+            return None
+        return _Numbers(values, begin or block.line, tuple(rows))
 
-    def _wrong_number(self, block: Lines, line: int, rest: str) -> bool:
-        word = next((word for word in rest.split() if not _is_number(word)), rest)
-        mend = "Write a decimal point." if _is_number(word.replace(",", ".", 1)) else ""
-        self.notes.error(line, block.name, f"{word[:60]!r} is no number", mend, rest)
-        return False
-
-    def _not_finite(self, block: Lines, keyword: str) -> bool:
+    def _wrong_numbers(self, block: Lines, keyword: str) -> None:
         for line, key, rest in block.statements:
             for word in rest.split() if key == keyword else ():
-                if not np.isfinite(float(word)):
-                    self.notes.error(line, block.name, f"{word[:60]!r} is no finite number", "", rest)
-        return False
+                if not _is_number(word):
+                    mend = "Write a decimal point." if _is_number(word.replace(",", ".", 1)) else ""
+                    self.notes.error(line, block.name, f"{word[:60]!r} is no finite number", mend, rest)
 
     def _axis_named(self, reference: str) -> Axis | None:
-        """ASCET refers to the axis `distrib` of a module as `distrib\\Module`."""
+        r"""ASCET refers to the axis `distrib` of a module as `distrib\Module`."""
         axes = self.found.axes
         return axes.get(reference) or axes.get(reference.partition("\\")[0])
 
@@ -265,6 +263,21 @@ def _groups(block: Lines) -> tuple[str, ...]:
     return tuple(block.rest_of(_AXES[direction][3]) for direction in range(len(block.sizes)))
 
 
+def _wrong_axis(letter: str, points: Float, size: int) -> tuple[str, str] | None:
+    """What is wrong with the breakpoints of an axis, and the mend."""
+    if len(points) != size:
+        return f"has {counted(len(points), f'{letter} breakpoint')}, its header asks for {size}", ""
+    falling = np.flatnonzero(np.diff(points) <= 0)
+    if not falling.size:
+        return None
+    at = int(falling[0])
+    what = (
+        f"the {letter} axis does not increase: breakpoint {at + 2} ({points[at + 1]:g}) "
+        f"does not exceed breakpoint {at + 1} ({points[at]:g})"
+    )
+    return what, "Each breakpoint must be larger than the one before."
+
+
 def _same_values(first: Parameter, second: Parameter) -> bool:
     if first.kind != second.kind or not np.array_equal(first.values, second.values):
         return False
@@ -272,13 +285,15 @@ def _same_values(first: Parameter, second: Parameter) -> bool:
     return all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
 
 
+def _strict_float(word: str) -> float:
+    """Python would read 1_000 as a thousand."""
+    if "_" in word:
+        raise ValueError(word)
+    return float(word)
+
+
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        return isfinite(_strict_float(word))
     except ValueError:
         return False
-    return "_" not in word
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

@@ -4,12 +4,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Content", "Format", "Notes", "Source", "holds_control_characters", "one_line"]
+__all__ = ["Content", "Format", "Notes", "Source", "counted", "holds_control_characters", "one_line"]
 
 _DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
@@ -101,11 +100,6 @@ class Format:
     read: Callable[[Source], Content]
     write: Callable[[ParameterSet, str], str]
 
-    @classmethod
-    def ending_of(cls, path: Path) -> str:
-        """The ending that chooses a format, in lower case."""
-        return path.suffix.lower()
-
 
 def holds_control_characters(text: str) -> bool:
     """Whether a text has characters that no line of a text file can hold."""
@@ -115,3 +109,12 @@ def holds_control_characters(text: str) -> bool:
 def one_line(text: str) -> str:
     """The text with line breaks and other control characters turned into blanks."""
     return _CONTROL.sub(" ", text)
+
+
+def counted(number: int, thing: str) -> str:
+    """A number of things in words.
+
+    >>> counted(1, "value"), counted(3, "value")
+    ('1 value', '3 values')
+    """
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

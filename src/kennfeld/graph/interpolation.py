@@ -21,7 +21,7 @@ def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Floa
     """
     last = breakpoints.size - 1
     if last == 0:
-        return x * 0.0
+        return np.multiply(x, 0.0)
     cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
     fraction = (x - breakpoints[cell]) / (breakpoints[cell + 1] - breakpoints[cell])
     place = cell + fraction
@@ -36,7 +36,8 @@ def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float
     cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
     slope = 1.0 / (breakpoints[cell + 1] - breakpoints[cell])
     inside = (x >= breakpoints[0]) & (x <= breakpoints[last])
-    return slope * (inside | (extrapolation == "linear"))
+    result: Float = slope * (inside | (extrapolation == "linear"))
+    return result
 
 
 def cell_weights(place: Float, count: int) -> tuple[Float, Float]:

@@ -1,0 +1,5 @@
+"""Models and where they come from: one frontend a file or folder."""
+
+from kennfeld.models.model import Model
+
+__all__ = ["Model"]

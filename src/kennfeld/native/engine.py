@@ -32,13 +32,16 @@ class Engine:
             self._engine = llvm.create_mcjit_compiler(module, self._machine)
             self._engine.finalize_object()
 
-    def function(self, name: str, kinds: Sequence[Any]) -> Callable[..., None]:
-        """The compiled function, taking arguments of these ctypes types."""
+    def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> Callable[..., None]:
+        """The compiled function with these (type, name) parameters; arrays are passed by their address."""
         address = self._engine.get_function_address(name)
-        made: Any = ctypes.CFUNCTYPE(None, *kinds)(address)
+        made: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind] for kind, _ in parameters))(address)
         made.engine = self
         called: Callable[..., None] = made
         return called
+
+
+_KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
 
 
 @cache
@@ -70,7 +73,9 @@ def _optimise(module: Any, machine: Any) -> None:
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.slp_vectorization = False
     options.loop_vectorization = True
-    options.loop_interleaving = True
+    # Interleaving and unrolling double the time to compile; the loops are bound by memory.
+    options.loop_interleaving = False
+    options.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
 

@@ -1,6 +1,5 @@
 """A model compiled for one set of free parameters: cost, gradient and Gauss-Newton matrix as native functions."""
 
-import ctypes
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -10,24 +9,12 @@ from kennfeld.arrays import Float
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization, differentiate
 from kennfeld.graph.lowering import Lowered
-from kennfeld.native.emitter import PARAMETERS, Layout
-from kennfeld.native.engine import Engine
-from kennfeld.native.step import (
-    TAPE,
-    Output,
-    cost_text,
-    entries_of,
-    start_text,
-    tape_text,
-)
-from kennfeld.native.sweeps import ENTRIES, SUMS, Pattern, sweeps_text
-from kennfeld.native.tables import search_function, smooth_function
+from kennfeld.native.emitter import Layout
+from kennfeld.native.step import Output, compiled, cost_code, entries_of, start_code, tape_code
+from kennfeld.native.sweeps import Pattern, sweeps
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Kernel", "Values", "input_rows", "order_values"]
-
-_KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
-_WIDE, _PTR = ctypes.c_int64, ctypes.c_void_p
 
 
 @dataclass(frozen=True)
@@ -103,36 +90,12 @@ class Kernel:
         self.pattern = _pattern(self.line)
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
         self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)
-        self._engine = Engine(self._text())
-        self._bind()
-
-    def _text(self) -> str:
-        parts = [
-            search_function(),
-            smooth_function(),
-            cost_text(self.line, self.layout, self.outputs),
-            tape_text(self.line, self.layout, self.outputs),
-            sweeps_text(self.pattern),
-        ]
+        self.sweeps = sweeps(self.pattern)
+        codes = [cost_code(self.line, self.layout, self.outputs), tape_code(self.line, self.layout, self.outputs)]
         if self.line.states:
-            parts.append(start_text(self.line, self.layout))
-        return "".join(parts)
-
-    def _bind(self) -> None:
-        model = [_KINDS[kind] for kind, _ in PARAMETERS]
-        entries, sums = ([_KINDS[kind] for kind, _ in group] for group in (ENTRIES, SUMS))
-        function = self._engine.function
-        self.cost = function("cost", [*model, _PTR, _PTR, _WIDE, _WIDE])
-        self.tape = function("tape", [*model, *([_PTR] * len(TAPE)), _WIDE, _WIDE])
-        self.rows = function("rows", [_WIDE, *([_PTR] * 4), _WIDE, _PTR, _PTR, *entries, _PTR, _WIDE])
-        self.fold = function("fold", [_PTR, _WIDE])
-        if self.line.states:
-            self.start = function("start", [*model, _PTR, _PTR, _PTR, _WIDE])
-        if self.pattern.carried == 0:
-            self.normal = function("normal", [_WIDE, _PTR, _PTR, *entries, *sums])
-        elif self.pattern.accumulates:
-            self.backward = function("backward", [_WIDE, *([_PTR] * 8)])
-            self.forward = function("forward", [_WIDE, *([_PTR] * 7), _WIDE, *entries, *sums])
+            codes.append(start_code(self.line, self.layout))
+        self.cost, self.tape, *rest = compiled(*codes)
+        self.start = rest[0] if rest else None
 
     @property
     def hints(self) -> int:

@@ -20,10 +20,11 @@ from typing import Literal
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
 from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
+from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.tables import corners
+from kennfeld.native.tables import corners, search_function, smooth_function
 
-__all__ = ["Loss", "Output", "cost_text", "entries_of", "start_text", "tape_text", "values_text"]
+__all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "entries_of", "start_code", "tape_code", "values_code"]
 
 Loss = Literal["square", "huber", "soft_l1"]
 RANGE = (("i64", "first"), ("i64", "last"))
@@ -66,7 +67,25 @@ Items = Sequence[Item]
 Arguments = Sequence[tuple[str, str]]
 
 
-def _loop(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout) -> str:
+@dataclass(frozen=True)
+class Code:
+    """LLVM IR of a function and the helpers it calls."""
+
+    name: str
+    parameters: tuple[tuple[str, str], ...]
+    text: str
+
+
+def compiled(*codes: Code) -> list[Callable[..., None]]:
+    """The functions, compiled as one module."""
+    helpers = search_function()
+    if any("@kf_smooth" in code.text for code in codes):
+        helpers += smooth_function()
+    engine = Engine(helpers + "".join(code.text for code in codes))
+    return [engine.function(code.name, code.parameters) for code in codes]
+
+
+def _loop(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout) -> Code:
     """A function that runs the step and `tail` for each sample of a range, `%row` counting from its first."""
     passed = [*PARAMETERS, *extra, ("i64", "row")]
     roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
@@ -76,7 +95,7 @@ def _loop(name: str, extra: Arguments, tail: Items, line: Linearization, layout:
     with f.loop("%first", "%last") as k:
         row = f.new(f"sub i64 {k}, %first")
         f.call(f"{name}_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", row), ("i64", k)])
-    return step + f.text()
+    return Code(f.name, f.parameters, step + f.text())
 
 
 def _advance(line: Linearization, layout: Layout) -> list[Item]:
@@ -94,7 +113,7 @@ def _advance(line: Linearization, layout: Layout) -> list[Item]:
     return [Item(tuple(state.next for state in line.states), emit)] if line.states else []
 
 
-def values_text(line: Linearization, layout: Layout, roots: Sequence[int]) -> str:
+def values_code(line: Linearization, layout: Layout, roots: Sequence[int]) -> Code:
     """`values(..., out, out_stride, first, last)`: the roots of each sample, out[root][sample - first]."""
 
     def write(at: int, root: int) -> Item:
@@ -108,7 +127,7 @@ def values_text(line: Linearization, layout: Layout, roots: Sequence[int]) -> st
     return _loop("values", [("ptr", "out"), ("i64", "out_stride")], tail, line, layout)
 
 
-def cost_text(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> str:
+def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
     """`cost(..., targets, sums, first, last)`: adds each output's sum of losses to sums[output]."""
 
     def add(at: int, output: Output) -> Item:
@@ -172,7 +191,7 @@ def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Ent
     return Entries(room, fixed)
 
 
-def tape_text(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> str:
+def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
     """`tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range, see the module.
 
     `scores[output]` is the weight of the dataset and criterion.
@@ -279,7 +298,7 @@ def _entry_items(
     return items
 
 
-def start_text(line: Linearization, layout: Layout) -> str:
+def start_code(line: Linearization, layout: Layout) -> Code:
     """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
     entries = entries_of(line, layout, line.start_atoms)
 
@@ -301,4 +320,4 @@ def start_text(line: Linearization, layout: Layout) -> str:
     step = emit_items("start_step", passed, items, line.nodes, layout)
     f = Function("start", [*PARAMETERS, *extra, ("i64", "k")])
     f.call("start_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", "0"), ("i64", "%k")])
-    return step + f.text()
+    return Code(f.name, f.parameters, step + f.text())

@@ -7,10 +7,12 @@ DESIGN.md, "Exact derivatives".
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 
+from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
 
-__all__ = ["Pattern", "sweeps_text"]
+__all__ = ["Pattern", "Sweeps", "sweeps"]
 
 ZERO, HALF = literal(0.0), literal(0.5)
 Rows = list[str]
@@ -36,14 +38,46 @@ class Pattern:
         return 0 < self.carried <= 8 and set(self.latencies) == {1}
 
 
-def sweeps_text(pattern: Pattern) -> str:
-    """The sweeps for tapes of this pattern."""
-    texts = [rows_text(pattern), fold_text()]
-    if pattern.carried == 0:
-        texts.append(normal_text(pattern.outputs))
-    elif pattern.accumulates:
-        texts += [backward_text(pattern), forward_text(pattern)]
-    return "".join(texts)
+class Sweeps:
+    """The native sweeps for tapes of one pattern, each compiled when it is first used."""
+
+    def __init__(self, pattern: Pattern) -> None:
+        self.pattern = pattern
+
+    @cached_property
+    def normal(self) -> Callable[..., None]:
+        """See `_normal`."""
+        return _compiled(_normal(self.pattern))
+
+    @cached_property
+    def backward(self) -> Callable[..., None]:
+        """See `_backward`."""
+        return _compiled(_backward(self.pattern))
+
+    @cached_property
+    def forward(self) -> Callable[..., None]:
+        """See `_forward`."""
+        return _compiled(_forward(self.pattern))
+
+    @cached_property
+    def rows(self) -> Callable[..., None]:
+        """See `_rows`."""
+        return _compiled(_rows(self.pattern))
+
+    @cached_property
+    def fold(self) -> Callable[..., None]:
+        """See `_fold`."""
+        return _compiled(_fold())
+
+
+@cache
+def sweeps(pattern: Pattern) -> Sweeps:
+    """The sweeps of a pattern; kernels that share it share them."""
+    return Sweeps(pattern)
+
+
+def _compiled(f: Function) -> Callable[..., None]:
+    return Engine(f.text()).function(f.name, f.parameters)
 
 
 def _row(f: Function, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
@@ -78,8 +112,9 @@ ENTRIES = (("ptr", "index"), ("ptr", "slope"), ("ptr", "count"), ("i64", "room")
 SUMS = (("ptr", "matrix"), ("i64", "columns"), ("ptr", "gradient"))
 
 
-def normal_text(m: int) -> str:
+def _normal(pattern: Pattern) -> Function:
     """`normal(length, residual, weight, entries, sums)`: without states, sparse rows go straight into the sums."""
+    m = pattern.outputs
     head = [("i64", "length"), ("ptr", "residual"), ("ptr", "weight")]
     f = Function("normal", [*head, *ENTRIES, *SUMS])
     with f.loop(0, "%length") as k:
@@ -90,7 +125,7 @@ def normal_text(m: int) -> str:
             weighted = [f.fmul(w, s) for w, s in zip(weight, slopes, strict=True)]
             f.increase(_dot(f, weighted, residual), "%gradient", column)
             _pairs(f, e, column, read, lambda other: _dot(f, weighted, other), slopes)
-    return f.text()
+    return f
 
 
 def _pairs(
@@ -109,7 +144,7 @@ def _pairs(
         f.increase(product(other_slopes), row, other_column)
 
 
-def backward_text(pattern: Pattern) -> str:
+def _backward(pattern: Pattern) -> Function:
     """`backward(length, residual, weight, c, a, q, l, q_next, l_next)`: Q and L, the later steps' share of the cost.
 
     `q`, `l` come in as of after the last sample and leave as of the first; `q_next[k]`, `l_next[k]` are those after k.
@@ -135,10 +170,10 @@ def backward_text(pattern: Pattern) -> str:
                 f.store(f.fadd(later, now), "%q", i * n + j)
             now = _dot(f, [wc[o][i] for o in range(m)], residual)
             f.store(f.fadd(_dot(f, a[i::n], l), now), "%l", i)
-    return f.text()
+    return f
 
 
-def forward_text(pattern: Pattern) -> str:
+def _forward(pattern: Pattern) -> Function:
     """`forward(length, ..., sensitivities, width, entries, sums)`: the sums, from S at the first sample to S after.
 
     `sensitivities` is S, n rows of `width`, the columns that can reach a state.
@@ -166,7 +201,7 @@ def forward_text(pattern: Pattern) -> str:
             column, slopes = read(e)
             for i in range(n):
                 f.increase(slopes[m + i], s[i], column)
-    return f.text()
+    return f
 
 
 def _add_rows(f: Function, target: str, rows: Rows, factors: Rows) -> None:
@@ -187,7 +222,7 @@ def _step_sensitivities(f: Function, s: Rows, a: Rows) -> None:
             f.store(value, row, j)
 
 
-def rows_text(pattern: Pattern) -> str:
+def _rows(pattern: Pattern) -> Function:
     """`rows(length, weight, c, a, sensitivities, width, rings, entries, jacobian, columns)`: sqrt(w) times rows of J.
 
     A state of latency d has d rows of S in a ring; `rings[i]` is where its oldest one stands.
@@ -220,7 +255,7 @@ def rows_text(pattern: Pattern) -> str:
             for i in range(n):
                 f.increase(slopes[m + i], f.at("%next", f.mul("%width", i)), column)
         _turn_rings(f, s, latencies)
-    return f.text()
+    return f
 
 
 def _next_rows(f: Function, s: Rows, a: Rows) -> None:
@@ -243,7 +278,7 @@ def _turn_rings(f: Function, s: Rows, latencies: Sequence[int]) -> None:
             f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%rings", i, "i64")
 
 
-def fold_text() -> str:
+def _fold() -> Function:
     """`fold(matrix, columns)`: G becomes H = G + G', in blocks that fit a cache."""
     f = Function("fold", [("ptr", "matrix"), ("i64", "columns")])
     block = 32
@@ -260,4 +295,4 @@ def fold_text() -> str:
                 both = f.fadd(f.load(row, j), f.load(mirror))
                 f.store(both, row, j)
                 f.store(both, mirror)
-    return f.text()
+    return f

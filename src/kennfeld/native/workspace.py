@@ -61,7 +61,7 @@ class Workspace:
 
     def start(self, sample: int) -> None:
         """First values of the states, and the entries of their slopes."""
-        if self.kernel.line.states:
+        if self.kernel.start is not None:
             self.kernel.start(*self._model, *(_at(array) for array in self._start), sample)
 
     def cost(self, chunk: Chunk, sums: Float) -> None:
@@ -76,17 +76,17 @@ class Workspace:
 
     def normal(self, chunk: Chunk) -> None:
         """Add the tape to the sums, without states."""
-        self.kernel.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
+        self.kernel.sweeps.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
 
     def backward(self, chunk: Chunk) -> None:
         """Q and L after each sample of the tape."""
         ends = (_at(self.q), _at(self.l), _at(self.q_next), _at(self.l_next))
-        self.kernel.backward(chunk.length, *self._steps, *ends)
+        self.kernel.sweeps.backward(chunk.length, *self._steps, *ends)
 
     def forward(self, chunk: Chunk) -> None:
         """Add the tape to the sums, and carry S over it."""
         later = (_at(self.q_next), _at(self.l_next), _at(self.sensitivities), self.kernel.values.reach)
-        self.kernel.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
+        self.kernel.sweeps.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
         """Residuals and Jacobian of the tape, times the square root of the weights; S is carried over it."""
@@ -95,7 +95,7 @@ class Workspace:
             self._jacobian = np.zeros((len(self.count) * m, columns))
         carried = (_at(self.sensitivities), self.kernel.values.reach, _at(self.turn), _at(self.next))
         jacobian = (_at(self._jacobian), columns)
-        self.kernel.rows(chunk.length, *self._steps[1:], *carried, *self._entries, *jacobian)
+        self.kernel.sweeps.rows(chunk.length, *self._steps[1:], *carried, *self._entries, *jacobian)
         residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
         return residual.ravel(), self._jacobian[: chunk.length * m]
 

@@ -1,0 +1,342 @@
+"""CVX 2.1, the CSV of INCA: a header that states its own separators, then one record a value, curve, map or axis.
+
+A record is an identifier in column 2, a line that begins with its type, and values from column 3 on;
+columns 1 and 2 hold free text, where INCA puts units as `:"rpm":`. Axes are records of their own: X_AXIS_PTS
+under the name of the table, or AXIS_PTS under the name of a group axis. No record says which group axis a table
+uses; the specification leaves "axis name information" to the free text of the type line, and so do we.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from math import isfinite, nan
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.format import Content, Notes, Source, counted
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+
+__all__ = ["read_cvx", "recognises_cvx"]
+
+_TITLE = "CALIBRATION VALUES V"
+_HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
+_AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")
+_LEFT_ASIDE = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
+_TYPES = frozenset({"VALUE", "VAL_BLK", "CURVE", "MAP", "ASCII", *_AXES, *_LEFT_ASIDE})
+_CODINGS = frozenset({"FUNCTION", "VARIANT", "DISPLAY_IDENTIFIER"})
+_UNIT = re.compile(r':"(.*)":')
+
+
+@dataclass(frozen=True)
+class _Row:
+    line: int
+    cells: list[str]
+
+    @property
+    def values(self) -> list[str]:
+        return self.cells[2:]
+
+
+@dataclass
+class _Record:
+    """One record: its type line, the rows of values after it, and its variant."""
+
+    name: str
+    row: _Row
+    rows: list[_Row] = field(default_factory=list)
+    variant: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        return self.row.cells[0]
+
+    @property
+    def unit(self) -> str:
+        cells = [cell for row in (self.row, *self.rows[:2]) for cell in row.cells[:2]]
+        found = (_UNIT.search(cell) for cell in cells)
+        return next((unit[1].replace('""', '"') for unit in found if unit), "")
+
+
+@dataclass(frozen=True)
+class _Dialect:
+    """What the first line of a file declares."""
+
+    version: str
+    separator: str = ","
+    point: str = "."
+    comment: str = "*"
+    quote: str = '"'
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line; a separator between quotes separates nothing; empty cells at the end are dropped."""
+        cells = line.split(self.separator) if self.quote not in line else self._quoted_cells(line)
+        cells = [cell.strip() for cell in cells]
+        while cells and not cells[-1]:
+            cells.pop()
+        return cells
+
+    def _quoted_cells(self, line: str) -> list[str]:
+        cells, inside, start = [], False, 0
+        for at, character in enumerate(line):
+            if character == self.quote:
+                inside = not inside
+            elif character == self.separator and not inside:
+                cells.append(line[start:at])
+                start = at + 1
+        return [*cells, line[start:]]
+
+    def text(self, cell: str) -> str | None:
+        """The text of a quoted cell; None for any other."""
+        if len(cell) < 2 or cell[0] != self.quote or cell[-1] != self.quote:
+            return None
+        return cell[1:-1].replace(self.quote * 2, self.quote)
+
+    def numbers(self, cells: list[str]) -> list[float]:
+        """The numbers of cells; NaN for a cell that holds none."""
+        if self.point == ".":
+            try:
+                if "_" not in "".join(cells):
+                    return list(map(float, cells))
+            except ValueError:
+                pass
+        return [self._number(cell) for cell in cells]
+
+    def _number(self, cell: str) -> float:
+        written = cell if self.point == "." else cell.replace(".", "_").replace(self.point, ".")
+        try:
+            # Python would read 1_000 as a thousand.
+            return nan if "_" in written else float(written)
+        except ValueError:
+            return nan
+
+
+def recognises_cvx(text: str) -> bool:
+    """Whether a text begins with the title of a CVX file."""
+    return text.lstrip("\ufeff \t\n").startswith(_TITLE)
+
+
+def read_cvx(source: Source) -> Content:
+    """The parameters of a CVX file; identifiers are compared without regard to case, as the specification asks.
+
+    Raises `InputError` with every finding.
+    """
+    notes = Notes(source.name)
+    text = source.text.lstrip("\ufeff")
+    dialect = _dialect(text, notes)
+    reader = _Reader(notes, dialect)
+    records = _records(text, dialect, notes)
+    for record in records:
+        if record.kind in _AXES:
+            reader.take_axis(record)
+    for record in records:
+        if record.kind not in _AXES:
+            reader.take(record)
+    remarks = notes.settle()
+    members = [member for _, member in reader.members.values()]
+    texts = [text for _, text in reader.texts.values()]
+    groups = [Axis(axis.breakpoints, unit=axis.unit, name=axis.name) for axis in reader.groups()]
+    return Content(f"CVX {dialect.version}", ParameterSet(members, texts, groups), remarks)
+
+
+def _dialect(text: str, notes: Notes) -> _Dialect:
+    found = _HEADER.match(text.lstrip())
+    if found is None:
+        notes.error(1, "", "the first line states no version", f"It must begin like {_TITLE}2.1,.,*")
+        return _Dialect("")
+    version, separator, point, comment, quote = found.groups()
+    separator = separator or ","
+    # The specification: where both are a comma, the decimal point is the default.
+    point = "." if point == separator else point or "."
+    return _Dialect(version, separator, point, (comment or "").strip() or "*", quote or '"')
+
+
+def _rows(text: str, dialect: _Dialect) -> Iterator[_Row]:
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.lstrip().startswith(dialect.comment):
+            continue
+        cells = dialect.cells(line)
+        if cells:
+            yield _Row(number, cells)
+
+
+def _records(text: str, dialect: _Dialect, notes: Notes) -> list[_Record]:
+    records: list[_Record] = []
+    before = _Row(0, [])
+    for row in _rows(text, dialect):
+        if row.cells[0] in _TYPES and len(before.cells) == 2 and before.cells[0] not in _TYPES:
+            if records and records[-1].rows:
+                records[-1].rows.pop()  # the identifier of this record
+            records.append(_Record(before.cells[1], row))
+        elif row.cells[0] in _TYPES:
+            notes.error(row.line, "", f"{row.cells[0]} follows no identifier", "Put its name in column 2 before it.")
+            records.append(_Record("", row))
+        elif records and row.cells[0] == "VARIANT":
+            records[-1].variant = tuple(row.values)
+        elif records and row.cells[0] not in _CODINGS:
+            records[-1].rows.append(row)
+        before = row
+    if not records and before.line > 1:
+        what = f"holds no record whose cells are separated by {dialect.separator!r}, as its first line declares"
+        notes.error(before.line, "", what, "Compare the first line with the others.")
+    return [record for record in records if record.name]
+
+
+class _Reader:
+    def __init__(self, notes: Notes, dialect: _Dialect) -> None:
+        self.notes = notes
+        self.dialect = dialect
+        self.axes: dict[tuple[str, str], tuple[_Record, Axis]] = {}  # by type and name
+        self.folded: dict[tuple[str, str], tuple[_Record, Axis]] = {}  # without regard to case
+        self.members: dict[str, tuple[_Record, Parameter]] = {}
+        self.texts: dict[str, tuple[_Record, Text]] = {}
+
+    def groups(self) -> list[Axis]:
+        """The group axes in the order of the file."""
+        return [axis for (kind, _), (_, axis) in self.axes.items() if kind == "AXIS_PTS"]
+
+    def take_axis(self, record: _Record) -> None:
+        cells = [record.row, *record.rows]
+        points = self._numbers(record, cells)
+        if points is None:
+            return
+        falling = np.flatnonzero(np.diff(points) <= 0)
+        if not points.size or falling.size or not np.isfinite(points).all():
+            what = "has no breakpoints" if not points.size else f"does not increase: {_fall(points)}"
+            self._wrong(record, f"{record.kind} {what}")
+            return
+        axis = Axis(points, unit=record.unit, name=record.name if record.kind == "AXIS_PTS" else "")
+        first, known = self.axes.setdefault((record.kind, record.name), (record, axis))
+        self.folded.setdefault((record.kind, record.name.casefold()), (record, axis))
+        if not np.array_equal(known.breakpoints, points):
+            self._repeated(record, first)
+
+    def take(self, record: _Record) -> None:
+        text = self.dialect.text(record.row.values[0]) if record.row.values else None
+        if record.kind in ("ASCII", "VALUE") and text is not None:
+            first, known = self.texts.setdefault(record.name, (record, Text(record.name, text)))
+            if known.text != text:
+                self._repeated(record, first)
+            self._one_kind(record)
+        elif record.kind in _LEFT_ASIDE or self._holds_text(record):
+            self.notes.remark(record.row.line, record.name, f"{record.kind} with its content is left aside")
+        else:
+            self._take_member(record, self._member(record))
+
+    def _take_member(self, record: _Record, member: Parameter | None) -> None:
+        if member is None:
+            return
+        first, known = self.members.setdefault(record.name, (record, member))
+        if known.values.shape != member.values.shape or not np.array_equal(known.values, member.values):
+            self._repeated(record, first)
+        self._one_kind(record)
+
+    def _one_kind(self, record: _Record) -> None:
+        if record.name in self.texts and record.name in self.members:
+            self._wrong(record, f"{record.name} is defined a second time, as a number and as a text")
+
+    def _holds_text(self, record: _Record) -> bool:
+        return any(self.dialect.text(cell) is not None for row in (record.row, *record.rows) for cell in row.values)
+
+    def _repeated(self, record: _Record, first: _Record) -> None:
+        """One identifier may occur once a variant; the first variant counts."""
+        line = first.row.line
+        if record.variant == first.variant:
+            what = f"{record.name} is defined a second time, with other values than in line {line}"
+            self._wrong(record, what, "Keep one of the two.")
+        else:
+            variant = " ".join(record.variant)
+            what = f"is another variant ({variant}) of the record in line {line}; left aside"
+            self.notes.remark(record.row.line, record.name, what)
+
+    def _wrong(self, record: _Record, what: str, mend: str = "") -> None:
+        self.notes.error(record.row.line, record.name, what, mend)
+
+    def _member(self, record: _Record) -> Parameter | None:
+        makers: dict[str, Callable[[_Record], Parameter | None]]
+        makers = {"VALUE": self._scalar, "VAL_BLK": self._block, "CURVE": self._table, "MAP": self._table}
+        if record.kind in makers:
+            return makers[record.kind](record)
+        self._wrong(record, f"{record.kind} holds no text between {self.dialect.quote}")
+        return None
+
+    def _scalar(self, record: _Record) -> Parameter | None:
+        values = self._numbers(record, [record.row])
+        if values is None or values.size != 1:
+            if values is not None:
+                self._wrong(record, f"VALUE has {values.size} values, not one")
+            return None
+        return parameter(record.name, values[0], unit=record.unit)
+
+    def _block(self, record: _Record) -> Parameter | None:
+        rows = [row for row in (record.row, *record.rows) if row.values]
+        values = self._numbers(record, rows)
+        if values is None:
+            return None
+        widths = {len(row.values) for row in rows}
+        if len(widths) != 1:
+            self._wrong(record, f"VAL_BLK has rows of {sorted(widths)} values" if rows else "VAL_BLK has no values")
+            return None
+        shaped = values if len(rows) == 1 else values.reshape(len(rows), -1).T
+        return Block(record.name, shaped, unit=record.unit)
+
+    def _table(self, record: _Record) -> Parameter | None:
+        letters = "XY" if record.kind == "MAP" else "X"
+        axes = [self._axis(record, letter, cell) for cell, letter in enumerate(letters, 1)]
+        own = [axis for axis in axes if axis is not None]
+        if len(own) < len(axes):
+            return None
+        count = len(own[1]) if len(own) == 2 else 1
+        # One row more is the line of embedded breakpoints, which the specification has every reader discard.
+        rows = record.rows[1:] if len(record.rows) == count + 1 else record.rows
+        if len(rows) != count:
+            self._wrong(record, f"{record.kind} has {counted(len(rows), 'row')} of values, its axis asks for {count}")
+            return None
+        if not self._widths_agree(record, rows, len(own[0])):
+            return None
+        values = self._numbers(record, rows)
+        if values is None:
+            return None
+        shaped = values.reshape(count, -1).T if len(own) == 2 else values
+        return parameter(record.name, shaped, own, unit=record.unit)
+
+    def _widths_agree(self, record: _Record, rows: list[_Row], width: int) -> bool:
+        short = [row for row in rows if len(row.values) != width]
+        for row in short:
+            what = f"the row has {counted(len(row.values), 'value')}, the x axis asks for {width}"
+            self.notes.error(row.line, record.name, what)
+        return not short
+
+    def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
+        named = record.row.cells[cell] if cell < len(record.row.cells) else ""
+        for kind, name in (("AXIS_PTS", named), (f"{letter}_AXIS_PTS", record.name)):
+            found = self.axes.get((kind, name)) or self.folded.get((kind, name.casefold()))
+            if found:
+                return found[1]
+        width = max((len(row.values) for row in record.rows), default=0)
+        sizes = {len(axis) for axis in self.groups()}
+        if (width if letter == "X" else len(record.rows)) in sizes | {size + 1 for size in sizes if letter == "Y"}:
+            what = f"{record.kind} does not say which group axis is its {letter.lower()} axis; left aside"
+            self.notes.remark(record.row.line, record.name, what, "Export it as DCM.")
+        else:
+            mend = "The file may be cut off: take a complete copy."
+            self._wrong(record, f"{record.kind} has no record {letter}_AXIS_PTS", mend)
+        return None
+
+    def _numbers(self, record: _Record, rows: list[_Row]) -> Float | None:
+        """All numbers of some rows; None where one of them is none."""
+        numbers = [self.dialect.numbers(row.values) for row in rows]
+        wrong = [
+            (row.line, cell)
+            for row, found in zip(rows, numbers, strict=True)
+            for cell, number in zip(row.values, found, strict=True)
+            if not isfinite(number)
+        ]
+        for line, cell in wrong:
+            self.notes.error(line, record.name, f"{cell[:60]!r} is no number")
+        return None if wrong else np.array([number for found in numbers for number in found], dtype=np.float64)
+
+
+def _fall(points: Float) -> str:
+    at = int(np.flatnonzero(np.diff(points) <= 0)[0])
+    return f"breakpoint {at + 2} ({points[at + 1]:g}) does not exceed breakpoint {at + 1} ({points[at]:g})"

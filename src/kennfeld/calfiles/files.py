@@ -1,0 +1,173 @@
+"""Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
+
+import os
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kennfeld.calfiles.cvx import read_cvx, recognises_cvx
+from kennfeld.calfiles.cvx_writer import write_cvx
+from kennfeld.calfiles.dcm_lines import recognises_dcm
+from kennfeld.calfiles.dcm_reader import read_dcm
+from kennfeld.calfiles.dcm_writer import write_dcm
+from kennfeld.calfiles.format import Content, Format, Source
+from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+
+__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
+
+_FORMATS = (
+    Format("JSON", (".json",), recognises_json, read_json, write_json),
+    Format("CVX (INCA's CSV)", (".csv",), recognises_cvx, read_cvx, write_cvx),
+    Format("DCM", (".dcm",), recognises_dcm, read_dcm, write_dcm),
+)
+_HEAD = 65536  # bytes looked at before a file is read as a whole
+_OTHER_KINDS = (
+    (b"MDF ", "an MDF measurement"),
+    (b"UnFinMF ", "an unfinished MDF measurement"),
+    (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
+    (b"<?xml", "XML"),
+    (b"ASAP2_VERSION", "an A2L description"),
+    (b"/begin", "an A2L description"),
+    (b":", "an Intel HEX image"),
+    (b"S0", "an S-record image"),
+)
+
+
+@dataclass(frozen=True)
+class ParameterSummary:
+    """One parameter in a line: what it is and between which values it moves."""
+
+    name: str
+    kind: str
+    shape: tuple[int, ...]
+    unit: str
+    description: str
+    minimum: float  # NaN where there is no value
+    maximum: float
+
+
+@dataclass(frozen=True)
+class CalibrationFile:
+    """What is in a calibration file; `remarks` tells what a reader leaves aside."""
+
+    path: Path
+    kind: str
+    parameters: tuple[ParameterSummary, ...]
+    axes: tuple[Axis, ...]  # group axes
+    texts: tuple[Text, ...]
+    remarks: tuple[Finding, ...]
+
+
+def endings() -> tuple[str, ...]:
+    """The file endings that `write` knows."""
+    return tuple(ending for known in _FORMATS for ending in known.endings)
+
+
+def read(path: str | Path) -> ParameterSet:
+    """The parameters of a calibration file; its content, not its name, tells the format.
+
+    Raises `InputError` with every finding: the thing, its value, the line, the mend.
+    """
+    return _content(Path(path)).parameters
+
+
+def write(parameters: ParameterSet, path: str | Path) -> None:
+    """Write a calibration file; the ending (.dcm, .json, .csv for INCA's CVX) chooses the format.
+
+    The file is complete or untouched. Raises `ArgumentError` for an unknown ending and `InputError`
+    naming each parameter that the format cannot hold.
+    """
+    target = Path(path)
+    text = _format_for(target).write(parameters, target.name)
+    _replace(target, text.encode("utf-8", errors="replace"))
+
+
+def describe(path: str | Path) -> CalibrationFile:
+    """What is in a calibration file: kind, parameters, group axes, texts, and what was left aside.
+
+    Raises `InputError` where the file cannot be read.
+    """
+    content = _content(Path(path))
+    members = content.parameters
+    summaries = tuple(_summary(member) for member in members.parameters)
+    return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.remarks)
+
+
+def _summary(member: Parameter) -> ParameterSummary:
+    known = member.values[~np.isnan(member.values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (np.nan, np.nan)
+    return ParameterSummary(member.name, member.kind, member.values.shape, member.unit, member.description, low, high)
+
+
+def _content(path: Path) -> Content:
+    source = Source(path.name, _bytes(path))
+    for known in _FORMATS:
+        if known.recognises(source.text):
+            return known.read(source)
+    raise InputError([_unknown(path, source)])
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+            if _is_binary(head):
+                raise InputError([_foreign(path, head, "holds binary data")])
+            return head + file.read()
+    except FileNotFoundError:
+        raise InputError([_missing(path)]) from None
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError.of(str(path), what) from None
+
+
+def _is_binary(head: bytes) -> bool:
+    return b"\0" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff"))
+
+
+def _missing(path: Path) -> Finding:
+    beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+    return Finding(str(path), "there is no such file", nearest(path.name, beside))
+
+
+def _unknown(path: Path, source: Source) -> Finding:
+    lines = source.text.strip().splitlines()
+    if not lines:
+        return Finding(path.name, "is empty", f"Expected {_known()}.")
+    return _foreign(path, source.raw, f"begins with {lines[0][:60]!r}")
+
+
+def _foreign(path: Path, head: bytes, what: str) -> Finding:
+    start = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    what = next((f"looks like {kind}" for mark, kind in _OTHER_KINDS if start.startswith(mark)), what)
+    return Finding(path.name, f"is no calibration file: it {what}", f"Expected {_known()}.")
+
+
+def _known() -> str:
+    return ", ".join(f"{known.name} ({', '.join(known.endings)})" for known in _FORMATS)
+
+
+def _format_for(path: Path) -> Format:
+    ending = path.suffix.lower()
+    for known in _FORMATS:
+        if ending in known.endings:
+            return known
+    guess = nearest(ending, endings())
+    raise ArgumentError(f"path={str(path)!r} has no ending of a calibration file: {_known()}. {guess}".strip())
+
+
+def _replace(target: Path, raw: bytes) -> None:
+    """Write beside, then rename, so that nobody ever sees half a file."""
+    target = target.resolve()  # a link stays a link
+    beside = target.with_name(f".{target.name}.{os.getpid()}-{threading.get_ident()}")
+    try:
+        beside.write_bytes(raw)
+        beside.replace(target)
+    except OSError as error:
+        raise InputError.of(str(target), f"cannot be written: {error.strerror or error}") from None
+    finally:
+        beside.unlink(missing_ok=True)

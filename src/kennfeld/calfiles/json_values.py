@@ -1,0 +1,296 @@
+"""`parameters.json`: the values a run leaves, one entry a parameter, a row for each x.
+
+    {"b1": {"kind": "scalar", "unit": "", "value": 1.0},
+     "MapX": {"kind": "map", "unit": "Nm", "x": [1, 2], "y": [0, 9], "values": [[1, 2], [3, 4]]}}
+
+`description`, and `x_name`, `x_unit`, `x_input` of each axis, are left out where empty. A group axis that
+no table uses is an entry of kind "axis". Numbers that are not finite are null.
+"""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.errors import ArgumentError, nearest
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+
+__all__ = ["read_json", "recognises_json", "write_json"]
+
+_TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
+_KINDS = (*_TABLES, "block", "text", "axis")
+_ATTRIBUTES = ("name", "unit", "input")
+
+
+def recognises_json(text: str) -> bool:
+    """Whether a text begins like a JSON object."""
+    return text.lstrip().startswith("{")
+
+
+def write_json(parameters: ParameterSet, file: str) -> str:
+    """The text of a `parameters.json`; bounds, locks and extrapolation stay with the project.
+
+    Raises `InputError` where two entries would have the same name.
+    """
+    used = {axis.name for member in parameters.parameters for axis in member.axes}
+    entries = [(member.name, _entry(member)) for member in parameters.parameters]
+    entries += [(text.name, _text_entry(text)) for text in parameters.texts]
+    entries += [(axis.name, _axis_entry(axis)) for axis in parameters.axes if axis.name not in used]
+    notes, seen = Notes(file), set[str]()
+    for name, _ in entries:
+        if name in seen:
+            notes.error(0, name, "is given twice", "Rename one of the two.")
+        seen.add(name)
+    notes.settle()
+    return "{" + ",".join(f"\n {_compact(name)}: {_laid_out(entry)}" for name, entry in entries) + "\n}\n"
+
+
+def _entry(member: Parameter) -> dict[str, Any]:
+    entry: dict[str, Any] = {"kind": member.kind, "unit": member.unit}
+    if member.description:
+        entry["description"] = member.description
+    for letter, axis in zip("xyzw", member.axes, strict=False):
+        entry |= {f"{letter}_{key}": getattr(axis, key) for key in _ATTRIBUTES if getattr(axis, key)}
+        entry[letter] = axis.breakpoints.tolist()
+    entry["value" if member.kind == "scalar" else "values"] = _nullable(member.values)
+    return entry
+
+
+def _text_entry(text: Text) -> dict[str, Any]:
+    return {"kind": "text", "text": text.text} | ({"description": text.description} if text.description else {})
+
+
+def _axis_entry(axis: Axis) -> dict[str, Any]:
+    own = {"kind": "axis", "unit": axis.unit} | ({"input": axis.input} if axis.input else {})
+    return own | {"x": axis.breakpoints.tolist()}
+
+
+def _nullable(values: Float) -> Any:
+    if np.isfinite(values).all():
+        return values.tolist()
+    made = values.astype(object)
+    made[~np.isfinite(values)] = None
+    return made.tolist()
+
+
+def _laid_out(entry: dict[str, Any]) -> str:
+    """One line an entry, but one line a row of a table of several dimensions: files that people compare."""
+    values = entry.get("values")
+    if not values or not isinstance(values[0], list):
+        return _compact(entry)
+    head = _compact({key: value for key, value in entry.items() if key != "values"})
+    rows = ",\n  ".join(map(_compact, values))
+    return f'{head[:-1]}, "values": [\n  {rows}]}}'
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def read_json(source: Source) -> Content:
+    """The parameters of a `parameters.json`; null is read as NaN.
+
+    Raises `InputError` with every finding and its path, like `MapX.values[3]`.
+    """
+    notes = Notes(source.name)
+    entries = _loaded(source.text, notes)
+    reader = _Reader(notes)
+    if entries and not any(isinstance(entry, _Pairs) and "kind" in entry for _, entry in entries):
+        mend = 'Each entry needs a kind and values: {"K": {"kind": "scalar", "unit": "", "value": 1.0}}'
+        notes.error(0, "", "is JSON, but holds no parameters", mend)
+        entries = []
+    for name, entry in entries:
+        reader.take(name, entry)
+    members = reader.agreed()
+    remarks = notes.settle()
+    return Content("JSON", ParameterSet(members, reader.texts, reader.axes.values()), remarks)
+
+
+def _loaded(text: str, notes: Notes) -> list[tuple[str, Any]]:
+    """The entries in their order, each key of which a finding could be told twice."""
+    try:
+        pairs = json.loads(text.removeprefix("\ufeff"), object_pairs_hook=_Pairs, parse_int=float)
+    except json.JSONDecodeError as error:
+        line = text.split("\n")[error.lineno - 1] if error.lineno <= text.count("\n") + 1 else ""
+        notes.error(error.lineno, "", f"is no valid JSON: {error.msg}", "The file may be cut off.", line)
+        return []
+    except RecursionError:
+        notes.error(0, "", "nests its lists too deeply")
+        return []
+    assert isinstance(pairs, _Pairs)
+    for name in pairs.repeated():
+        notes.error(0, name, "is given twice", "Keep one of the two.")
+    return list(pairs.items())
+
+
+class _Pairs(dict[str, Any]):
+    """A JSON object that remembers the keys it was given more than once."""
+
+    def __init__(self, pairs: list[tuple[str, Any]]) -> None:
+        super().__init__(pairs)
+        self._given = [key for key, _ in pairs]
+
+    def repeated(self) -> list[str]:
+        if len(self) == len(self._given):
+            return []
+        seen = set[str]()
+        return [key for key in self._given if key in seen or seen.add(key)]  # type: ignore[func-returns-value]
+
+
+class _Reader:
+    def __init__(self, notes: Notes) -> None:
+        self.notes = notes
+        self.members: list[Parameter] = []
+        self.texts: list[Text] = []
+        self.axes: dict[str, Axis] = {}
+
+    def take(self, name: str, entry: Any) -> None:
+        if not isinstance(entry, _Pairs):
+            return self._wrong(name, "is no object with a kind and values")
+        for key in entry.repeated():
+            self._wrong(f"{name}.{key}", "is given twice")
+        kind = entry.get("kind")
+        if kind not in _KINDS:
+            guess = nearest(kind, _KINDS) if isinstance(kind, str) else ""
+            return self._wrong(f"{name}.kind", f"{kind!r} is no kind of parameter", guess or ", ".join(_KINDS))
+        self._unknown_keys(name, kind, entry)
+        if kind == "text":
+            self.texts.append(Text(name, self._string(name, entry, "text"), self._string(name, entry, "description")))
+        elif kind == "axis":
+            self._spare_axis(name, entry)
+        else:
+            self._table(name, kind, entry)
+        return None
+
+    def _wrong(self, path: str, what: str, mend: str = "") -> None:
+        self.notes.error(0, "", f"{path}: {what}", mend)
+
+    def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
+        known = {"kind", "unit", "description"} | {"text": {"text"}, "axis": {"x", "input"}}.get(kind, set())
+        if kind not in ("text", "axis"):
+            letters = _TABLES.get(kind, "")
+            known |= {"value" if kind == "scalar" else "values", *letters}
+            known |= {f"{letter}_{key}" for letter in letters for key in _ATTRIBUTES}
+        for key in entry:
+            if key not in known:
+                self._wrong(f"{name}.{key}", f"is no key of a {kind}", nearest(key, known))
+
+    def _string(self, name: str, entry: _Pairs, key: str) -> str:
+        value = entry.get(key, "")
+        if isinstance(value, str):
+            return value
+        self._wrong(f"{name}.{key}", f"{_shown(value)} is no text")
+        return ""
+
+    def _spare_axis(self, name: str, entry: _Pairs) -> None:
+        points = self._points(name, entry, "x")
+        if points is not None:
+            unit, quantity = self._string(name, entry, "unit"), self._string(name, entry, "input")
+            self.axes[name] = Axis(points, quantity, unit, name)
+
+    def _table(self, name: str, kind: str, entry: _Pairs) -> None:
+        letters = _TABLES.get(kind, "")
+        letters = letters if kind != "cube" or "w" in entry else "xyz"
+        axes = [self._axis(name, entry, letter) for letter in letters]
+        attributes = {key: self._string(name, entry, key) for key in ("unit", "description")}
+        own = [axis for axis in axes if axis is not None]
+        shape = [len(axis) for axis in own]
+        key = "value" if kind == "scalar" else "values"
+        if key not in entry:
+            return self._wrong(f"{name}.{key}", "is missing")
+        if len(own) < len(axes):
+            return None
+        if kind == "block":
+            shape = _shape_of(entry[key])
+            if not 1 <= len(shape) <= 4:
+                return self._wrong(f"{name}.{key}", f"a value block has one to four dimensions, not {len(shape)}")
+        values = list(self._numbers(entry[key], shape, f"{name}.{key}"))
+        if len(values) == int(np.prod(shape)):
+            self._build(name, kind, np.array(values, dtype=np.float64).reshape(shape), own, attributes)
+        return None
+
+    def _build(self, name: str, kind: str, values: Float, axes: list[Axis], attributes: dict[str, str]) -> None:
+        try:
+            made = Block(name, values, **attributes) if kind == "block" else parameter(name, values, axes, **attributes)
+        except ArgumentError as error:
+            self._wrong(name, str(error))
+        else:
+            self.members.append(made)
+
+    def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:
+        points = self._points(name, entry, letter)
+        given = {key: self._string(name, entry, f"{letter}_{key}") for key in _ATTRIBUTES}
+        return None if points is None else Axis(points, given["input"], given["unit"], given["name"])
+
+    def _points(self, name: str, entry: _Pairs, letter: str) -> Float | None:
+        path, given = f"{name}.{letter}", entry.get(letter)
+        if not isinstance(given, list) or not given:
+            what = "is missing" if letter not in entry else f"{_shown(given)} is no list of breakpoints"
+            self._wrong(path, what)
+            return None
+        points = np.array(list(self._numbers(given, [len(given)], path)), dtype=np.float64)
+        if len(points) < len(given):
+            return None
+        wrong = _wrong_points(points)
+        if wrong:
+            self._wrong(f"{path}[{wrong[0]}]", wrong[1])
+        return None if wrong else points
+
+    def _numbers(self, given: Any, shape: list[int], path: str) -> Iterator[float]:
+        """The numbers of a nested list in order; what is no number or has another length is noted and skipped."""
+        if not shape:
+            number = _number(given)
+            if number is None:
+                return self._wrong(path, f"{_shown(given)} is no number")
+            yield number
+        elif not isinstance(given, list):
+            self._wrong(path, f"{_shown(given)} is no list of {shape[0]}")
+        elif len(given) != shape[0]:
+            self._wrong(path, f"has {len(given)} entries, not {shape[0]}")
+        else:
+            for index, inner in enumerate(given):
+                yield from self._numbers(inner, shape[1:], f"{path}[{index}]")
+        return None
+
+    def agreed(self) -> list[Parameter]:
+        """The tables; a group axis with different breakpoints in two of them is noted."""
+        first: dict[str, tuple[str, Axis]] = {name: (name, axis) for name, axis in self.axes.items()}
+        for member in self.members:
+            for letter, axis in zip("xyzw", member.axes, strict=False):
+                user, known = first.setdefault(axis.name, (member.name, axis)) if axis.name else ("", axis)
+                if not np.array_equal(known.breakpoints, axis.breakpoints):
+                    self._wrong(f"{member.name}.{letter}", f"group axis {axis.name} has other breakpoints in {user}")
+        return self.members
+
+
+def _wrong_points(points: Float) -> tuple[int, str] | None:
+    """Where an axis is wrong, and how."""
+    for at in np.flatnonzero(~np.isfinite(points)):
+        return int(at), "is no finite number"
+    for at in np.flatnonzero(np.diff(points) <= 0):
+        return int(at) + 1, f"the axis does not increase: {points[at + 1]:g} follows {points[at]:g}"
+    return None
+
+
+def _number(given: Any) -> float | None:
+    if given is None:
+        return float("nan")
+    return given if isinstance(given, float) else None
+
+
+def _shape_of(given: Any) -> list[int]:
+    shape: list[int] = []
+    while isinstance(given, list):
+        shape.append(len(given))
+        given = given[0] if given else None
+    return shape
+
+
+def _shown(value: Any) -> str:
+    """A value as an error shows it; a list is only named, it may be long or deep."""
+    if isinstance(value, (list, dict)):
+        return "a list" if isinstance(value, list) else "an object"
+    return "null" if value is None else repr(value)[:60]

@@ -1,0 +1,66 @@
+"""What depends on the data alone, cut off from the rest so that it is computed once, not once an iteration."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from kennfeld.graph.lowering import dependent, rewrite
+from kennfeld.graph.node import Builder, Graph
+from kennfeld.graph.operations import OPERATIONS
+
+__all__ = ["Split", "split"]
+
+_COST = {"const": 0, "input": 1, "state": 1000, "div": 4, "select": 1, "position": 10, "interpolate": 10}
+_CHEAP = {"add", "sub", "mul", "neg", "min", "max", "abs", "not", "and", "or", "lt", "le", "gt", "ge", "eq", "ne"}
+_WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
+
+
+@dataclass(frozen=True)
+class Split:
+    """The part of a graph that depends on free parameters, and the columns it now reads.
+
+    `columns` maps the name of each new input to the node of the old graph that it holds.
+    """
+
+    graph: Graph
+    columns: Mapping[str, int]
+
+
+def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Split:
+    """Cut a lowered graph, reduced to `outputs`, where values that no free parameter touches enter the rest.
+
+    >>> b = Builder()
+    >>> slow = b.call("exp", b.input("x"))
+    >>> y = b.call("mul", slow, b.node("interpolate", (), type("T", (), {"name": "K"})))
+    >>> sorted(split(b.finish({"y": y}), ["y"], ["K"]).columns)
+    ['#0']
+    """
+    live = dependent(graph, lambda node: node.op == "interpolate" and node.payload.name in free)
+    used = {graph.names[name] for name in outputs}
+    for at in live:
+        used.update(graph.nodes[at].args)
+    for state in graph.states:
+        if state.init in live or state.next in live:
+            used.update((state.init, state.next))
+    costs = _costs(graph)
+    columns = {f"#{i}": at for i, at in enumerate(sorted(a for a in used - live if costs[a] > _WORTH))}
+    name_of = {at: name for name, at in columns.items()}
+
+    def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
+        op, _, payload = graph.nodes[at]
+        if at in name_of:
+            return b.input(name_of[at])
+        return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
+
+    reduced = Graph(
+        graph.nodes, {name: graph.names[name] for name in outputs}, graph.states, graph.units, tuple(outputs)
+    )
+    return Split(rewrite(reduced, resolve), columns)
+
+
+def _costs(graph: Graph) -> list[int]:
+    """Roughly the operations that each node costs from the inputs on; shared ones count each time."""
+    costs: list[int] = []
+    for op, args, _ in graph.nodes:
+        own = 1 if op in _CHEAP else _COST.get(op, 10)
+        costs.append(min(own + sum(costs[a] for a in args), 1000))
+    return costs

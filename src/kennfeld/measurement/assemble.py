@@ -1,0 +1,128 @@
+"""From the table of a file to a dataset, with every finding at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.measurement.cells import shown
+from kennfeld.measurement.columns import Column, Selection, Table, capped, text_findings
+from kennfeld.measurement.raster import grid, resample, samples_on
+from kennfeld.measurement.timing import find_time, merge, seconds, time_findings
+
+__all__ = ["assemble", "checked"]
+
+_MOST = 500_000_000  # values of a resampled dataset, 4 GB
+
+
+def assemble(table: Table, name: str, selection: Selection, raster: float | None = None) -> Dataset:
+    """The dataset in a table; `InputError` with all that is wrong in the columns it needs."""
+    time, channels = checked(table, selection, raster)
+    if time is None:
+        return Dataset(name, tuple(Channel(c.name, _frozen(c.values), c.unit) for c in channels))
+    stamps, values = merge(seconds(time), [c.values for c in channels])
+    if raster is not None:
+        even = grid(stamps, raster)
+        stamps, values = even, [resample(stamps, column, even) for column in values]
+    made = (Channel(c.name, _frozen(v), c.unit) for c, v in zip(channels, values, strict=True))
+    return Dataset(name, tuple(made), _frozen(stamps))
+
+
+def _frozen(values: Float) -> Float:
+    """Read-only in place, so that the domain types need no copy; the arrays are ours alone."""
+    if values.flags.writeable:
+        values.setflags(write=False)
+    return values
+
+
+def checked(table: Table, selection: Selection, raster: float | None = None) -> tuple[Column | None, list[Column]]:
+    """The time column, if any, and the channels; `InputError` with all findings."""
+    time = find_time(table)
+    channels = [c for c in table.columns if selection.includes(c.name) and _is_channel(c, time, selection)]
+    found = [*table.findings, *_missing(table, selection), *_twice(table, channels)]
+    needed = channels if time is None or time in channels else [time, *channels]
+    found += text_findings(table, needed) + _infinite(table, needed)
+    if not channels and not found and selection.channels is None:
+        found.append(Finding(table.place, "holds no column of numbers beside time", "Is it the right file?"))
+    if time is not None:
+        found += _time(table, time, raster, len(channels))
+    elif raster is not None:
+        found.append(_no_time(table, raster))
+    if found:
+        raise InputError(found)
+    return time, channels
+
+
+def _is_channel(column: Column, time: Column | None, selection: Selection) -> bool:
+    if column is time or column.dated:
+        return selection.channels is not None
+    return not column.is_text
+
+
+def _missing(table: Table, selection: Selection) -> list[Finding]:
+    """Channels that were asked for and are not there, or hold text."""
+    found = []
+    by_name = {column.name: column for column in table.columns}
+    names = [name for name in table.names if name]
+    for name in selection.channels or ():
+        if name not in names:
+            listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+            found.append(Finding(table.place, f"has no channel {name}", nearest(name, names) or f"It has {listed}."))
+        elif name in by_name and by_name[name].is_text:
+            column = by_name[name]
+            sample, cell = column.texts[0]
+            mend = "Choose another channel, or replace the text by numbers."
+            found.append(Finding(table.at(sample, column), f"the column holds text, such as {shown(cell)}", mend))
+    return found
+
+
+def _twice(table: Table, channels: Sequence[Column]) -> list[Finding]:
+    groups: dict[str, list[Column]] = {}
+    for column in channels:
+        groups.setdefault(column.name, []).append(column)
+    return [
+        Finding(table.place, f"{len(group)} columns are called {name}", "Rename or remove all but one.")
+        for name, group in groups.items()
+        if len(group) > 1
+    ]
+
+
+def _infinite(table: Table, columns: Sequence[Column]) -> list[Finding]:
+    by_row: dict[int, list[Column]] = {}
+    unseen = 0
+    for column in columns:
+        at = np.flatnonzero(np.isinf(column.values))
+        unseen += max(at.size - 200, 0)
+        for sample in at[:200].tolist():
+            by_row.setdefault(sample, []).append(column)
+    mend = "Leave the cell empty where there is no value."
+    found = [
+        Finding(table.at(row, *held), f"{held[0].values[row]:g} is not finite", mend)
+        for row, held in sorted(by_row.items())
+    ]
+    return capped(found, table.place, "rows with values that are not finite", unseen)
+
+
+def _time(table: Table, column: Column, raster: float | None, channels: int) -> list[Finding]:
+    time = seconds(column)
+    if not np.all(np.isfinite(time[~np.isnan(time)])):
+        return []  # reported as infinite already
+    found = time_findings(table, column, time)
+    if found or raster is None or not time.size:
+        return found
+    points = samples_on(time, raster)
+    if points <= 1000.0 * time.size + 1e6 and points * max(channels, 1) <= _MOST:
+        return []
+    widest = int(np.argmax(np.diff(time))) + 1
+    what = f"raster={raster:g} s would make {points:.3g} samples of {time.size}; the longest gap ends here"
+    return [Finding(table.at(widest, column), what, "Choose a coarser raster, or correct the time stamp.")]
+
+
+def _no_time(table: Table, raster: float) -> Finding:
+    text = next((c for c in table.columns if c.is_text and c.texts and "time" in c.name.casefold()), None)
+    what = f"raster={raster:g} s needs a time column, and there is none"
+    if text is not None:
+        what += f": {text.name} holds text, such as {shown(text.texts[0][1])}"
+    return Finding(table.place, what, "Call it time, in seconds, or leave the raster out for steady-state points.")

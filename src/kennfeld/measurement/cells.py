@@ -1,0 +1,114 @@
+"""What a single cell of a table means: a number, a gap, or text."""
+
+import re
+from collections.abc import Sequence
+from datetime import date, datetime, time, timedelta
+from typing import Literal
+
+import numpy as np
+
+from kennfeld.arrays import Float
+
+__all__ = ["MISSING", "TRUTH", "Decimal", "is_dated", "is_missing", "number", "numbers", "shown"]
+
+Decimal = Literal[".", ","]
+
+MISSING = ("", "-", "--", "nan", "+nan", "-nan", "na", "n/a", "#n/a", "#na", "null", "none")
+TRUTH = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
+
+_GAPS = frozenset(MISSING)
+_ENDLESS = {sign + word: float(sign + word) for sign in ("", "+", "-") for word in ("inf", "infinity")}
+_NUMBER: dict[str, re.Pattern[str]] = {
+    ".": re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+}
+_EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
+
+
+def number(cell: object, decimal: Decimal = ".") -> float | None:
+    """The number in a cell: NaN for a gap, seconds for a date or a duration, None for text.
+
+    >>> number("1,5", ","), number("on"), number("-"), number("rpm")
+    (1.5, 1.0, nan, None)
+    """
+    if isinstance(cell, str):
+        return _from_text(cell.strip(), decimal)
+    if cell is None:
+        return np.nan
+    if isinstance(cell, int | float):
+        return float(cell)
+    return _seconds(cell)
+
+
+def _from_text(text: str, decimal: Decimal) -> float | None:
+    if _NUMBER[decimal].fullmatch(text):
+        return float(text.replace(",", "."))
+    folded = text.casefold()
+    if folded in _GAPS:
+        return np.nan
+    return TRUTH.get(folded, _ENDLESS.get(folded))
+
+
+def _seconds(cell: object) -> float | None:
+    if isinstance(cell, datetime):
+        return (cell.replace(tzinfo=None) - _EPOCH).total_seconds()
+    if isinstance(cell, date):
+        return (datetime(cell.year, cell.month, cell.day) - _EPOCH).total_seconds()
+    if isinstance(cell, time):
+        return cell.hour * 3600.0 + cell.minute * 60.0 + cell.second + cell.microsecond / 1e6
+    return cell.total_seconds() if isinstance(cell, timedelta) else None
+
+
+def is_dated(cell: object) -> bool:
+    """Whether the cell holds a date, a time of day or a duration."""
+    return isinstance(cell, date | time | timedelta)
+
+
+def is_missing(cell: object) -> bool:
+    """Whether the cell is a gap.
+
+    >>> is_missing("#N/A"), is_missing(0)
+    (True, False)
+    """
+    return cell is None or (isinstance(cell, str) and cell.strip().casefold() in _GAPS)
+
+
+def numbers(cells: Sequence[object], decimal: Decimal = ".") -> tuple[Float, list[int]]:
+    """The numbers in a run of cells, NaN where there is none, and the positions that hold text.
+
+    >>> numbers(["1", "", "rpm"])
+    (array([ 1., nan, nan]), [2])
+    """
+    quick = _quick(cells, decimal)
+    if quick is not None:
+        return quick, []
+    found = [number(cell, decimal) for cell in cells]
+    texts = [i for i, value in enumerate(found) if value is None]
+    return np.array([np.nan if value is None else value for value in found], dtype=np.float64), texts
+
+
+def _quick(cells: Sequence[object], decimal: Decimal) -> Float | None:
+    """All cells by `float` alone, or None where they need a closer look.
+
+    Python reads 1_000 as a number and a point is no decimal comma, so both are looked at closely.
+    """
+    if set(map(type, cells)) <= {float, int, bool}:
+        return np.array(cells, dtype=np.float64)
+    try:
+        joined = "\n".join(cells)  # type: ignore[arg-type]  # a cell that is no text raises TypeError
+        if "_" in joined or (decimal == "," and "." in joined):
+            return None
+        plain = joined.replace(",", ".").split("\n") if decimal == "," else cells
+        return np.fromiter(map(float, plain), np.float64, len(cells))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
+
+
+def shown(cell: object, limit: int = 40) -> str:
+    """The cell as an error message quotes it.
+
+    >>> shown("rpm")
+    "'rpm'"
+    """
+    text = str(cell).strip()
+    return repr(text if len(text) <= limit else text[: limit - 3] + "...")

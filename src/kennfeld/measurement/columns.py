@@ -1,0 +1,145 @@
+"""A table as a reader leaves it: named columns of numbers, and where each sample stands in the file."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.errors import Finding
+from kennfeld.measurement.cells import Decimal, is_dated, numbers, shown
+from kennfeld.measurement.header import Header
+from kennfeld.measurement.units import may_be_time
+
+__all__ = ["Column", "ColumnBuilder", "Selection", "Table", "capped", "text_findings"]
+
+_KEPT = 50  # cells that a message may quote, a column
+_FINDINGS = 20  # findings of one sort, a file
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The channels that are asked for; None asks for all."""
+
+    channels: tuple[str, ...] | None = None
+
+    def wants(self, header: Header) -> list[int]:
+        """The columns to read: the channels asked for and whatever may be time."""
+        named = [i for i, name in enumerate(header.names) if name]
+        if self.channels is None:
+            return named
+        asked = set(self.channels)
+        return [i for i in named if header.names[i] in asked or may_be_time(header.names[i], header.units[i])]
+
+    def includes(self, name: str) -> bool:
+        """Whether this channel belongs in the dataset."""
+        return self.channels is None or name in self.channels
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: its numbers, NaN where a cell is empty, and the text cells it holds (sample, cell)."""
+
+    name: str
+    unit: str
+    place: str  # as messages name it: `Torque`, or `C (Torque)` in a spreadsheet
+    values: Float  # Float[samples]
+    texts: tuple[tuple[int, object], ...] = ()
+    text_count: int = 0
+    dated: bool = False
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the column holds more text than numbers, so that it is no channel."""
+        return self.text_count > 0 and self.text_count >= int(np.count_nonzero(~np.isnan(self.values)))
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of one file or sheet; `rows` holds the line (or row) number of each sample, counted from 1."""
+
+    place: str
+    columns: tuple[Column, ...]
+    rows: Int  # Int[samples]
+    row_word: str = "line"
+    names: tuple[str, ...] = ()  # of all columns, those not read included
+    findings: tuple[Finding, ...] = ()
+    details: tuple[tuple[str, str], ...] = field(default=())
+
+    def at(self, sample: int, *columns: Column) -> str:
+        """Where a cell stands: `bench.csv line 17, column Torque`."""
+        place = f"{self.place} {self.row_word} {self.rows[sample]}"
+        if not columns:
+            return place
+        word = "column" if len(columns) == 1 else "columns"
+        more = "" if len(columns) <= 3 else f" and {len(columns) - 3} more"
+        return f"{place}, {word} {', '.join(column.place for column in columns[:3])}{more}"
+
+
+class ColumnBuilder:
+    """Collects a column block by block."""
+
+    def __init__(self, name: str, unit: str, place: str) -> None:
+        self.name, self.unit, self.place = name, unit, place
+        self._blocks: list[Float] = []
+        self._texts: list[tuple[int, object]] = []
+        self._text_count = 0
+        self._samples = 0
+        self._dated = False
+
+    def add(self, cells: Sequence[object], decimal: Decimal = ".") -> None:
+        """Take the next cells."""
+        values, texts = numbers(cells, decimal)
+        self._blocks.append(values)
+        self._texts += [(self._samples + i, cells[i]) for i in texts[: _KEPT - len(self._texts)]]
+        self._text_count += len(texts)
+        self._samples += len(cells)
+        # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
+        self._dated = self._dated or (not _is_text(cells) and any(map(is_dated, cells)))
+
+    def built(self) -> Column:
+        """The column of all cells taken."""
+        values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
+        values.setflags(write=False)
+        return Column(self.name, self.unit, self.place, values, tuple(self._texts), self._text_count, self._dated)
+
+
+def _is_text(cells: Sequence[object]) -> bool:
+    return bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
+
+
+def text_findings(table: Table, columns: Iterable[Column]) -> list[Finding]:
+    """One finding for each row that holds text in columns of numbers."""
+    by_row: dict[int, list[tuple[Column, object]]] = {}
+    total = 0
+    for column in columns:
+        total += column.text_count
+        for sample, cell in column.texts:
+            by_row.setdefault(sample, []).append((column, cell))
+    found = [_text_finding(table, sample, cells) for sample, cells in sorted(by_row.items())]
+    unseen = total - sum(len(cells) for cells in by_row.values())
+    return capped(found, table.place, "rows that hold text among numbers", unseen)
+
+
+def _text_finding(table: Table, sample: int, cells: list[tuple[Column, object]]) -> Finding:
+    place = table.at(sample, *(column for column, _ in cells))
+    if len(cells) == 1:
+        return Finding(place, f"{shown(cells[0][1])} is no number", _mend(str(cells[0][1])))
+    quoted = ", ".join(shown(cell) for _, cell in cells[:3]) + (", ..." if len(cells) > 3 else "")
+    mend = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
+    return Finding(place, f"{quoted} are no numbers", mend)
+
+
+def _mend(cell: str) -> str:
+    digits = cell.strip().replace(".", "").replace(",", "").lstrip("+-")
+    if digits.isdigit():
+        return "Write it without a thousands separator and with the same decimal mark as the rest of the file."
+    return "Correct it, or leave the cell empty where there is no value."
+
+
+def capped(found: list[Finding], place: str, what: str, unseen: int = 0) -> list[Finding]:
+    """The findings, cut to the first twenty with a count of the others."""
+    more = max(len(found) - _FINDINGS, 0) + unseen
+    if not more:
+        return found
+    return [*found[:_FINDINGS], Finding(place, f"{more} more {what}")]

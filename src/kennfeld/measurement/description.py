@@ -1,0 +1,87 @@
+"""What `kennfeld info` says of a measurement file."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from kennfeld.measurement.columns import Column, Table
+from kennfeld.measurement.timing import find_time, seconds
+
+__all__ = ["ChannelDescription", "Description", "TableDescription", "TimeDescription", "described"]
+
+
+@dataclass(frozen=True)
+class ChannelDescription:
+    """One channel; minimum and maximum are None where it has no value at all."""
+
+    name: str
+    unit: str
+    samples: int
+    nan_share: float
+    minimum: float | None
+    maximum: float | None
+
+
+@dataclass(frozen=True)
+class TimeDescription:
+    """The time of a table in seconds; `step` is the median one, None for a single sample."""
+
+    channel: str
+    begin: float
+    end: float
+    step: float | None
+
+
+@dataclass(frozen=True)
+class TableDescription:
+    """One sheet or table; `left_out` names the columns that hold no numbers."""
+
+    name: str
+    samples: int
+    channels: tuple[ChannelDescription, ...]
+    time: TimeDescription | None
+    left_out: tuple[str, ...]
+    details: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a measurement file holds."""
+
+    file: str
+    kind: str
+    tables: tuple[TableDescription, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain dicts, lists, numbers and text, ready for JSON."""
+        return asdict(self)
+
+
+def described(table: Table) -> TableDescription:
+    """The description of one table."""
+    time = find_time(table)
+    channels = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
+    kept = {c.name for c in channels}
+    return TableDescription(
+        dict(table.details).get("sheet", ""),
+        int(table.rows.size),
+        tuple(_channel(c) for c in channels),
+        None if time is None else _time(time),
+        tuple(name for name in table.names if name and name not in kept),
+        dict(table.details),
+    )
+
+
+def _channel(column: Column) -> ChannelDescription:
+    known = column.values[np.isfinite(column.values)]
+    share = float(np.isnan(column.values).mean()) if column.values.size else 0.0
+    low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
+    return ChannelDescription(column.name, column.unit, int(column.values.size), share, low, high)
+
+
+def _time(column: Column) -> TimeDescription:
+    time = seconds(column)
+    time = time[np.isfinite(time)]
+    step = float(np.median(np.diff(time))) if time.size > 1 else None
+    return TimeDescription(column.name, float(time.min()), float(time.max()), step)

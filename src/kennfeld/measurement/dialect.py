@@ -1,0 +1,164 @@
+"""How a text file is written: encoding, separator and decimal mark, found from its first lines."""
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kennfeld.errors import InputError
+from kennfeld.measurement.cells import Decimal, number
+from kennfeld.measurement.header import Header, find_header
+
+__all__ = ["Dialect", "encoding_of", "find_dialect", "is_comment", "split"]
+
+ALONE = "\x1f"  # stands for: one column, no separator
+_SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
+_COMMENT = re.compile(r"\s*(?:#(?!n/?a\b)|//|%)", re.IGNORECASE)
+_NAMES = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks", ALONE: "none"}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The way a text file is written. Lines are counted from 0 here."""
+
+    encoding: str
+    separator: str
+    decimal: Decimal
+    decimal_seen: bool  # whether a number with that mark was met
+    header: Header
+
+    @property
+    def details(self) -> tuple[tuple[str, str], ...]:
+        """What `kennfeld info` says of it."""
+        return (
+            ("encoding", self.encoding),
+            ("separator", _NAMES[self.separator]),
+            ("decimal mark", {".": "point", ",": "comma"}[self.decimal]),
+            ("names in line", str(self.header.row + 1)),
+        )
+
+
+def encoding_of(start: bytes, whole: bool) -> str:
+    """The encoding of a file that begins with these bytes: by its mark, else UTF-8 if it is valid, else cp1252.
+
+    >>> encoding_of("Öl [°C]".encode("cp1252"), True), encoding_of("Öl [°C]".encode(), True)
+    ('cp1252', 'utf-8')
+    """
+    for mark, name in (
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if start.startswith(mark):
+            return name
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start, final=whole)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def is_comment(line: str) -> bool:
+    """Whether the line is a comment (#, %, //).
+
+    >>> is_comment("# made by hand"), is_comment("#N/A;1")
+    (True, False)
+    """
+    return _COMMENT.match(line) is not None
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The cells of a line; quotes hold a cell together.
+
+    >>> split('"Speed; [rpm]";1;', ";")
+    ['Speed; [rpm]', '1', '']
+    """
+    if separator == " ":
+        line = line.replace("\t", " ").strip()
+    if '"' not in line:
+        return line.split() if separator == " " else line.split(separator)
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return line.split(separator)
+
+
+def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
+    """The dialect of a file that begins with these lines; `InputError` where no table can be seen."""
+    best: tuple[int, Dialect] | None = None
+    lines = _joined(lines)
+    for separator in _SEPARATORS:
+        if separator != ALONE and not any(separator in line for line in lines):
+            continue
+        rows = [[] if is_comment(line) else split(line, separator) for line in lines]
+        for decimal in _decimals(separator, lines):
+            scored = _scored(rows, separator, decimal, encoding, lines)
+            if scored is not None and (best is None or scored[0] > best[0]):
+                best = scored
+    if best is None or best[0] <= 0:
+        raise _no_table(place, lines)
+    return best[1]
+
+
+def _joined(lines: Sequence[str]) -> list[str]:
+    """The lines with each cell that runs over several of them on the last one; line numbers stay."""
+    joined, held = [], ""
+    for i, line in enumerate(lines):
+        whole = held + line
+        closes = any(later.count('"') % 2 for later in lines[i + 1 : i + 5])
+        held = f"{whole} " if whole.count('"') % 2 and closes else ""
+        joined.append("" if held else whole)
+    return joined
+
+
+def _decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
+    return (".", ",") if separator != "," and any("," in line for line in lines) else (".",)
+
+
+def _scored(
+    rows: list[list[str]], separator: str, decimal: Decimal, encoding: str, lines: Sequence[str]
+) -> tuple[int, Dialect] | None:
+    """How well the lines read this way: numbers count for it, text and rows of another length against it."""
+    header = find_header(rows, decimal) or _commented_header(rows, separator, decimal, lines)
+    if header is None:
+        return None
+    score, seen = 0, False
+    for row in rows[header.data :]:
+        if not any(cell.strip() for cell in row):
+            continue
+        found = [number(cell, decimal) for cell in row]
+        texts = found.count(None)
+        score += len(found) - row.count("") - 2 * texts - (3 if len(row) < header.width else 0)
+        score -= 3 * any(cell.strip() for cell in row[len(header.names) :])
+        seen = seen or any(value is not None and decimal in cell for cell, value in zip(row, found, strict=True))
+    return score, Dialect(encoding, separator, decimal, seen, header)
+
+
+def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:
+    """Names that stand in a comment right above the numbers, as numpy writes them."""
+    first = next((i for i, row in enumerate(rows) if any(cell.strip() for cell in row)), 0)
+    above = first - 1
+    if above < 0 or not is_comment(lines[above]):
+        return None
+    bare = lines[above].strip().lstrip("#%/").strip()
+    return find_header([*([] for _ in range(above)), split(bare, separator), *rows[first:]], decimal)
+
+
+def _no_table(place: str, lines: Sequence[str]) -> InputError:
+    filled = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not is_comment(line)]
+    if not filled:
+        return InputError.of(place, "the file is empty", "Export the measurement anew.")
+    with_digits = [(i, line) for i, line in filled if _starts_as_number(line)]
+    if not with_digits:
+        what = (
+            "there are names but no row of numbers below them" if len(filled) <= 3 else "there is no table of numbers"
+        )
+        return InputError.of(f"{place} line {filled[0][0]}", what, "Export the measurement anew, or name another file.")
+    mend = "Put a line with the names of the channels above the numbers."
+    return InputError.of(f"{place} line {with_digits[0][0]}", "the numbers have no header with channel names", mend)
+
+
+def _starts_as_number(line: str) -> bool:
+    first = re.split(r"[;,\t| ]", line.strip().strip('"'), maxsplit=1)[0]
+    return number(first.strip('"')) is not None and bool(re.search(r"\d", first))

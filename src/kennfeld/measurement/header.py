@@ -1,0 +1,145 @@
+"""Finds the names, the units and the first row of numbers at the top of a table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kennfeld.measurement.cells import Decimal, is_missing, number
+from kennfeld.measurement.units import looks_like_unit, plain_unit, split_name
+
+__all__ = ["Header", "find_header"]
+
+Row = Sequence[object]
+
+_ENOUGH = 3  # rows of numbers that make a table; fewer may be settings above it
+
+
+@dataclass(frozen=True)
+class Header:
+    """The head of a table: `row` holds the names, `data` is the first row of numbers, both counted from 0."""
+
+    row: int
+    data: int
+    names: tuple[str, ...]  # empty where a column has none
+    units: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        """How many cells a row needs to reach the last named column."""
+        return max((i + 1 for i, name in enumerate(self.names) if name), default=0)
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Which columns of a row hold numbers, text, or anything at all."""
+
+    numbers: frozenset[int]
+    texts: frozenset[int]
+    ones: bool  # no number but 1, which may be a unit
+
+    @property
+    def is_data(self) -> bool:
+        return bool(self.numbers)
+
+
+def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
+    """The head of the table in these rows, None where no row of names stands above numbers.
+
+    >>> found = find_header([["a test"], ["Speed", "Torque"], ["rpm", "Nm"], ["1000", "80"]])
+    >>> found.names, found.units, found.data
+    (('Speed', 'Torque'), ('rpm', 'Nm'), 3)
+    """
+    shapes = [_shape(row, decimal) for row in rows]
+    filled = [i for i, shape in enumerate(shapes) if shape.numbers or shape.texts]
+    fallback = None
+    for at, row in enumerate(filled[:-1]):
+        found = _below(filled[at:], rows, shapes)
+        if found is None:
+            continue
+        unit_row, data = found
+        run = _run(filled[at:], shapes, data)
+        if len(run) >= _ENOUGH or run[-1] == filled[-1] or not _settings(run, shapes):
+            return _header(rows, row, unit_row, data)
+        fallback = fallback or _header(rows, row, unit_row, data)
+    return fallback
+
+
+def _shape(row: Row, decimal: Decimal) -> _Shape:
+    held = {i: number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
+    texts = frozenset(i for i, value in held.items() if value is None)
+    numbers = frozenset(held) - texts
+    dashes = {i for i in numbers if str(row[i]).strip("- ") == ""}
+    ones = all(held[i] == 1 for i in numbers - dashes)
+    return _Shape(numbers - dashes if texts or numbers == dashes else numbers, texts, ones)
+
+
+def _is_blank(cell: object) -> bool:
+    return cell is None or (isinstance(cell, str) and not cell.strip())
+
+
+def _below(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape]) -> tuple[int | None, int] | None:
+    """The unit row (None without one) and the first data row below the names in filled[0], if these are names."""
+    names = shapes[filled[0]]
+    if not names.texts or names.is_data:
+        return None
+    for skipped, unit_row in ((1, None), (2, filled[1])):
+        if len(filled) <= skipped:
+            return None
+        data = shapes[filled[skipped]]
+        if unit_row is None and _unit_row_of_ones(rows[filled[1]], data):
+            continue
+        if data.is_data and 2 * len(names.texts & data.numbers) >= len(data.numbers):
+            if unit_row is None or _is_unit_row(rows[filled[0]], rows[unit_row], shapes[unit_row]):
+                return unit_row, filled[skipped]
+            return None
+    return None
+
+
+def _unit_row_of_ones(row: Row, shape: _Shape) -> bool:
+    """Whether the row holds units of which some are 1."""
+    return bool(shape.texts) and shape.ones and all(looks_like_unit(str(row[i])) for i in shape.texts)
+
+
+def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
+    if shape.numbers and not _unit_row_of_ones(row, shape):
+        return False
+    cells = [str(row[i]).strip() for i in sorted(shape.texts)]
+    above = [str(names[i]).strip() if i < len(names) else "" for i in sorted(shape.texts)]
+    if not all(above) or len(set(above)) < len(above):
+        return False
+    known = sum(looks_like_unit(cell) for cell in cells)
+    return 2 * known >= len(cells) or len(set(cells)) < len(cells)
+
+
+def _run(filled: Sequence[int], shapes: Sequence[_Shape], data: int) -> list[int]:
+    """The rows of numbers that follow each other from `data` on."""
+    run = []
+    for row in filled:
+        if row < data:
+            continue
+        if not shapes[row].is_data:
+            break
+        run.append(row)
+    return run
+
+
+def _settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:
+    """Whether the rows are settings above the table, such as `Rate; 0.1`, rather than its data."""
+    return all(shapes[row].texts and len(shapes[row].texts | shapes[row].numbers) <= 2 for row in run)
+
+
+def _header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> Header:
+    split = [("", "") if is_missing(cell) else split_name(str(cell)) for cell in rows[row]]
+    raw = ["" if is_missing(cell) else " ".join(str(cell).split()) for cell in rows[row]]
+    short = [name for name, _ in split]
+    # `p [bar]` beside `p [kPa]`: only the full heads tell them apart
+    names = [full if short.count(name) > raw.count(full) else name for name, full in zip(short, raw, strict=True)]
+    below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
+    below += [""] * (len(names) - len(below))
+    units = [unit or given for unit, (_, given) in zip(below, split, strict=False)]
+    return Header(row, data, tuple(names), tuple(units))
+
+
+def _unit_text(cell: object) -> str:
+    if cell is None:
+        return ""
+    return f"{cell:g}" if isinstance(cell, float) else str(cell)

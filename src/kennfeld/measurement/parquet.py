@@ -1,0 +1,96 @@
+"""Reads Parquet files."""
+
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import InputError
+from kennfeld.measurement.columns import Column, Selection, Table
+from kennfeld.measurement.header import Header
+from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.units import split_name
+
+__all__ = ["read_tables"]
+
+_INDEX = "__index_level_"  # how pandas calls an index without a name
+
+
+def read_tables(source: Source, selection: Selection) -> list[Table]:
+    """The one table of a Parquet file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with source.path.open("rb") as stream, pq.ParquetFile(stream) as file:
+            header = _header(file.schema_arrow)
+            wanted = [i for i in _wanted(header, selection) if _is_numeric(file.schema_arrow.field(i).type)]
+            columns = [_column(file, header, i) for i in wanted]
+            texts = [_text(file, header, i) for i in _wanted(header, selection) if i not in wanted]
+            count = file.metadata.num_rows
+    except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
+        what = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
+        raise InputError.of(source.name, what, "Copy or write it anew.") from None
+    if not count or not columns:
+        what = "holds no rows" if not count else "holds no column of numbers"
+        raise InputError.of(source.name, what, "Is it the right file?")
+    rows = np.arange(1, count + 1)
+    return [Table(source.name, (*columns, *texts), rows, row_word="row", names=header.names)]
+
+
+def _header(schema: Any) -> Header:
+    names, units = [], []
+    split = [split_name(field.name) for field in schema]
+    short = [name for name, _ in split]
+    for field, (name, unit) in zip(schema, split, strict=True):
+        notes = {key.decode(errors="replace").casefold(): value for key, value in (field.metadata or {}).items()}
+        given = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
+        names.append(name if short.count(name) == 1 else field.name)
+        units.append(given or unit)
+    return Header(0, 0, tuple(names), tuple(units))
+
+
+def _wanted(header: Header, selection: Selection) -> list[int]:
+    index = [i for i, name in enumerate(header.names) if name.startswith(_INDEX)]
+    return sorted({*selection.wants(header), *index})
+
+
+def _is_numeric(kind: Any) -> bool:
+    import pyarrow as pa
+
+    plain = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
+    return bool(plain or pa.types.is_decimal(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
+
+
+def _column(file: Any, header: Header, index: int) -> Column:
+    import pyarrow as pa
+
+    chunked = file.read(columns=[file.schema_arrow.field(index).name]).column(0)
+    dated = pa.types.is_timestamp(chunked.type) or pa.types.is_duration(chunked.type)
+    values = _seconds(chunked) if dated else _float64(chunked)
+    name = header.names[index]
+    return Column(name, "s" if dated else header.units[index], name, values, dated=dated)
+
+
+def _float64(chunked: Any) -> Float:
+    import pyarrow as pa
+
+    values = chunked.cast(pa.float64(), safe=False).to_numpy()
+    return np.asarray(values, dtype=np.float64)
+
+
+def _seconds(chunked: Any) -> Float:
+    import pyarrow as pa
+
+    scale = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[chunked.type.unit]
+    ticks = chunked.cast(pa.int64())
+    # counted from the first stamp before they become floats: nanoseconds since 1970 need more than 53 bits
+    first = next((value for value in ticks[:1].to_pylist() if value is not None), 0)
+    return _float64(pa.compute.subtract(ticks, first)) / scale
+
+
+def _text(file: Any, header: Header, index: int) -> Column:
+    """A column that is no channel; it is kept so that a message can show what it holds."""
+    name, count = header.names[index], file.metadata.num_rows
+    kind = file.schema_arrow.field(index).type
+    return Column(name, "", name, np.full(count, np.nan), ((0, f"a value of type {kind}"),), count)

@@ -1,0 +1,66 @@
+"""Puts recordings onto an even time raster."""
+
+import numpy as np
+
+from kennfeld.arrays import Float
+
+__all__ = ["grid", "is_stepped", "resample", "samples_on"]
+
+_NEAR = 1e-9  # s; a grid point this close to a time stamp is that sample
+_LEVELS = 16  # a gear, a mode or a switch has no more
+
+
+def samples_on(time: Float, raster: float) -> float:
+    """How many points an even raster over the range of `time` has; not an int, for it may be absurd."""
+    return float(np.floor((time[-1] - time[0]) / raster + 1e-6)) + 1.0
+
+
+def grid(time: Float, raster: float) -> Float:
+    """The even raster from the first time stamp to the last.
+
+    >>> grid(np.array([0.0, 0.3]), 0.1)
+    array([0. , 0.1, 0.2, 0.3])
+    """
+    even: Float = time[0] + np.arange(int(samples_on(time, raster))) * raster
+    return even
+
+
+def is_stepped(values: Float) -> bool:
+    """Whether a channel jumps between a few whole numbers, so that values between them mean nothing.
+
+    >>> is_stepped(np.array([0.0, 1.0, 1.0])), is_stepped(np.array([0.0, 0.5])), is_stepped(np.arange(100.0))
+    (True, False, False)
+    """
+    valid = values[~np.isnan(values)]
+    if not valid.size or np.any(valid != np.round(valid)):
+        return False
+    if np.all((valid == 0) | (valid == 1)):
+        return True
+    levels = np.unique(valid).size
+    return levels <= _LEVELS and valid.size >= 4 * levels
+
+
+def resample(time: Float, values: Float, at: Float) -> Float:
+    """The channel at other times: linear between valid samples, held where it is stepped, NaN outside them.
+
+    >>> resample(np.array([0.0, 1.0]), np.array([0.0, 5.0]), np.array([0.5, 2.0]))
+    array([2.5, nan])
+    """
+    valid = ~np.isnan(values)
+    if not valid.any():
+        return np.full(at.shape, np.nan)
+    stamps, known = time[valid], values[valid]
+    exact = _snapped(stamps, at)
+    if not is_stepped(known):
+        return np.interp(exact, stamps, known, left=np.nan, right=np.nan)
+    before = np.searchsorted(stamps, exact, side="right") - 1
+    inside = (before >= 0) & (exact <= stamps[-1])
+    return np.where(inside, known[np.maximum(before, 0)], np.nan)
+
+
+def _snapped(stamps: Float, at: Float) -> Float:
+    """`at`, with points that differ from a time stamp by rounding alone set to it."""
+    after = np.minimum(np.searchsorted(stamps, at), stamps.size - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(stamps[before] - at) < np.abs(stamps[after] - at), stamps[before], stamps[after])
+    return np.where(np.abs(nearest - at) <= _NEAR + 1e-14 * np.abs(at), nearest, at)

@@ -1,0 +1,117 @@
+"""Reads any measurement file: finds its kind and hands it to the reader for that kind."""
+
+import math
+import zlib
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TypeVar
+
+from kennfeld.dataset import Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.measurement.assemble import assemble
+from kennfeld.measurement.columns import Selection, Table
+from kennfeld.measurement.description import Description, described
+from kennfeld.measurement.sniff import Kind, Source, locate
+
+__all__ = ["describe", "read"]
+
+# a format more is a module more: one that offers read_tables(source, selection)
+_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet"}
+
+
+def read(
+    path: str | Path,
+    channels: Sequence[str] | None = None,
+    raster: float | None = None,
+    *,
+    sheet: str | None = None,
+) -> Dataset:
+    """The measurement in a file: CSV, Excel or Parquet, told by its content.
+
+    A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
+    Columns without a name and columns of text are left out.
+
+    Args:
+        path: the file; a sheet of a workbook may be named behind a `#`, `bench.xlsx#Data`.
+        channels: the channels to read, in any order; all by default.
+        raster: s; puts the samples onto an even raster, linearly between valid samples
+            (channels with a few whole-numbered levels are held), without extrapolation.
+        sheet: the sheet of a workbook.
+
+    Raises `InputError` with all that is wrong in the file, `ArgumentError` for an unusable raster.
+
+    >>> read("bench.xlsx#Data", ["Speed", "Torque"], raster=0.1)  # doctest: +SKIP
+    """
+    if raster is not None and not (raster > 0 and math.isfinite(raster)):
+        raise ArgumentError(f"raster={raster} must be a time in seconds above 0")
+    if isinstance(channels, str):
+        raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
+    source = _located(path, sheet)
+    selection = Selection(None if channels is None else tuple(dict.fromkeys(channels)))
+    return assemble(_only(source, _tables(source, selection)), source.stem, selection, raster)
+
+
+def describe(path: str | Path) -> Description:
+    """What a measurement file holds: its tables, channels, units, ranges and time.
+
+    >>> describe("bench.csv").tables[0].channels[0].unit  # doctest: +SKIP
+    'rpm'
+    """
+    source = _located(path, None)
+    tables = _tables(source, Selection())
+    findings = [finding for table in tables for finding in table.findings]
+    if findings:
+        raise InputError(findings)
+    return Description(source.name, source.kind.value, tuple(described(table) for table in tables))
+
+
+_T = TypeVar("_T")
+
+
+def _guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
+    """Run `work`; what the system or a packed file throws becomes a finding."""
+    try:
+        return work()
+    except (EOFError, zlib.error):
+        raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.") from None
+    except OSError as error:
+        raise InputError.of(name, f"cannot be read ({error.strerror or error})", "Check the file.") from None
+
+
+def _located(path: str | Path, sheet: str | None) -> Source:
+    source = _guarded(Path(path).name, lambda: locate(path, sheet))
+    if source.kind not in _READERS:
+        what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
+        raise InputError.of(source.name, what, "CSV, Excel (xlsx, xls, ods) and Parquet files can.")
+    if source.packed and source.kind is not Kind.CSV:
+        raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
+    if source.sheet is not None and source.kind is not Kind.EXCEL:
+        what = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
+        raise InputError.of(source.name, what, "Leave the sheet out.")
+    return source
+
+
+def _article(kind: str) -> str:
+    spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "HTML", "HDF", "FMU", "XML"))
+    return f"{'an' if spoken else 'a'} {kind}"
+
+
+def _tables(source: Source, selection: Selection) -> list[Table]:
+    reader = import_module(f"kennfeld.measurement.{_READERS[source.kind]}")
+    tables: list[Table] = _guarded(source.name, lambda: reader.read_tables(source, selection))
+    return tables
+
+
+def _only(source: Source, tables: Sequence[Table]) -> Table:
+    """The one table; where there are several, a finding that lists them."""
+    if len(tables) == 1:
+        return tables[0]
+    found = []
+    for table in tables:
+        names = [name for name in table.names if name]
+        listed = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+        sheet = dict(table.details).get("sheet", "")
+        what = f"{table.rows.size} rows of {listed}; several sheets hold tables and none is chosen"
+        found.append(Finding(table.place, what, f"Write {source.name}#{sheet} to choose it."))
+    raise InputError(found)

@@ -1,0 +1,101 @@
+"""Finds the column that holds the time of the samples and turns it into seconds."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Finding
+from kennfeld.measurement.columns import Column, Table, capped
+from kennfeld.measurement.units import in_seconds, plain_unit, time_unit
+
+__all__ = ["SAME", "find_time", "merge", "seconds", "time_findings"]
+
+SAME = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
+
+
+def find_time(table: Table) -> Column | None:
+    """The time column: one that is called so, or a first column with a unit of time that rises.
+
+    A column that never changes is no time, nor is one called just `t` that falls somewhere.
+    """
+    usable = [column for column in table.columns if not column.is_text and _varies(column.values)]
+    for column in usable:
+        named = time_unit(column.name, column.unit) is not None
+        sure = column.name.casefold() != "t" or plain_unit(column.unit) not in ("", "-")
+        if named and (sure or _rises(column.values)):
+            return column
+    first = next((name for name in table.names if name), None)
+    for column in usable[:1]:
+        clock = column.dated or in_seconds(column.unit) is not None
+        if column.name == first and clock and _rises(column.values):
+            return column
+    return None
+
+
+def _varies(values: Float) -> bool:
+    known = values[~np.isnan(values)]
+    return known.size == 1 == values.size or bool(known.size and np.any(known != known[0]))
+
+
+def _rises(values: Float) -> bool:
+    return bool(np.all(np.diff(values) > 0))
+
+
+def seconds(column: Column) -> Float:
+    """The time stamps in seconds; dates count from the first one.
+
+    >>> seconds(Column("t", "ms", "t", np.array([0.0, 10.0])))
+    array([0.  , 0.01])
+    """
+    factor, divisor = in_seconds(time_unit(column.name, column.unit) or column.unit) or (1.0, 1.0)
+    elapsed: Float = column.values - column.values[0] if column.dated else column.values * factor / divisor
+    return elapsed
+
+
+def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
+    """What is wrong with the time stamps: gaps, steps backwards, a clock that stands still."""
+    what = "rows with a wrong time stamp"
+    gaps = np.flatnonzero(np.isnan(time))
+    if gaps.size:
+        mend = "Remove the row or give it a time."
+        return capped(
+            [Finding(table.at(k, column), "the time stamp is missing", mend) for k in gaps[:200]],
+            table.place,
+            what,
+            max(gaps.size - 200, 0),
+        )
+    latest = np.maximum.accumulate(time)
+    back = np.flatnonzero(np.diff(time) < -SAME) + 1
+    found = [_backwards(table, column, time, int(k)) for k in back[:200]]
+    still = int(np.count_nonzero(time[1:] < latest[:-1] + SAME))
+    if not found and 2 * still > time.size:
+        mend = "Write the time with more digits, or rename the column if it is no time."
+        found = [Finding(f"{table.place}, column {column.place}", f"time stands still at {still} samples", mend)]
+    return capped(found, table.place, what, max(back.size - 200, 0))
+
+
+def _backwards(table: Table, column: Column, time: Float, k: int) -> Finding:
+    what = f"time goes backwards, from {time[k - 1]:.12g} s to {time[k]:.12g} s"
+    return Finding(table.at(k, column), what, "Split the file here, or rename the column if it is no time.")
+
+
+def merge(time: Float, columns: Sequence[Float]) -> tuple[Float, list[Float]]:
+    """Samples of one instant made one: the first value of each column that is there.
+
+    >>> nan = np.nan
+    >>> merge(np.array([0.0, 1.0, 1.0 + 1e-12]), [np.array([5.0, nan, 6.0])])
+    (array([0., 1.]), [array([5., 6.])])
+    """
+    fresh = np.concatenate([[True], time[1:] >= np.maximum.accumulate(time)[:-1] + SAME])
+    if fresh.all():
+        return time, list(columns)
+    instant = np.cumsum(fresh) - 1
+    merged = []
+    for values in columns:
+        valid = np.flatnonzero(~np.isnan(values))
+        found, first = np.unique(instant[valid], return_index=True)
+        one = np.full(int(instant[-1]) + 1, np.nan)
+        one[found] = values[valid[first]]
+        merged.append(one)
+    return time[fresh], merged

@@ -1,0 +1,97 @@
+"""How units are written: in a row below the names, or in the name itself."""
+
+import re
+
+__all__ = ["in_seconds", "looks_like_unit", "may_be_time", "plain_unit", "split_name", "time_unit"]
+
+_WORDS = """
+s sec secs second seconds sek ms msec us µs μs usec ns min h hr d day
+rpm min-1 u upm s-1 hz khz mhz rad deg ° °ca °kw °crk degca deg_ca degcrk degkw cad
+nm n kn w kw mw hp ps j kj mj kwh v mv kv a ma ohm ω kω
+pa hpa kpa mpa bar mbar psi mmhg k °c degc deg_c c °f degf f celsius kelvin
+kg g mg t l ml m3 m³ mm3 mm³ cm3 cm³ cc stk str hub stroke cyc cycle cyl rev inj
+m mm cm km µm um kmh mph s2 s² mi
+% pct percent ppm ppm_v vol% vol-% vol mol% fsn db dba phi lambda λ afr
+- -- 1 none bool boolean bit bits count counts enum flag adc raw #
+"""
+_UNITS = frozenset(_WORDS.split())
+_SECONDS = {
+    (1.0, 1.0): "s sec secs second seconds sek sekunden",
+    (1.0, 1e3): "ms msec millisecond milliseconds",
+    (1.0, 1e6): "us µs μs usec microsecond microseconds",
+    (1.0, 1e9): "ns nanosecond nanoseconds",
+    (60.0, 1.0): "min minute minutes minuten",
+    (3600.0, 1.0): "h hr hour hours stunden",
+}
+_TIME = {word: scale for scale, words in _SECONDS.items() for word in words.split()}
+_TIME_NAME = re.compile(r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit|t)(?:[ _]([a-zµμ]+))?")
+_BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*", re.DOTALL)
+_PARENTHESES = re.compile(r"(.*\S)\s*\(([^()]*)\)\s*", re.DOTALL)
+
+
+def plain_unit(text: str) -> str:
+    """The unit without its brackets; a dash stands for none.
+
+    >>> plain_unit("[Nm]"), plain_unit("(rpm)"), plain_unit("[-]")
+    ('Nm', 'rpm', '-')
+    """
+    text = text.strip()
+    if len(text) >= 2 and text[0] + text[-1] in ("[]", "()"):
+        text = text[1:-1].strip()
+    return text
+
+
+def looks_like_unit(text: str) -> bool:
+    """Whether a cell reads like a unit: a known one, or anything in brackets.
+
+    >>> looks_like_unit("[furlong]"), looks_like_unit("kg/h"), looks_like_unit("Speed")
+    (True, True, False)
+    """
+    text = text.strip()
+    if len(text) >= 2 and text[0] == "[" and text[-1] == "]":
+        return True
+    folded = plain_unit(text).casefold()
+    return folded in _UNITS or all(part in _UNITS for part in re.split(r"[/*·^ ]", folded))
+
+
+def split_name(text: str) -> tuple[str, str]:
+    """Name and unit of a column head; an index such as `rad[3]` stays part of the name.
+
+    >>> split_name("Speed [rpm]"), split_name("Speed (rpm)"), split_name("p (intake)"), split_name("rad[3]")
+    (('Speed', 'rpm'), ('Speed', 'rpm'), ('p (intake)', ''), ('rad[3]', ''))
+    """
+    text = " ".join(text.split())
+    found = _BRACKETS.fullmatch(text)
+    if found and not (found[2].isdigit() and text[len(found[1])] == "["):
+        return found[1], found[2].strip()
+    found = _PARENTHESES.fullmatch(text)
+    if found and looks_like_unit(found[2]):
+        return found[1], found[2].strip()
+    return text, ""
+
+
+def in_seconds(unit: str) -> tuple[float, float] | None:
+    """Factor and divisor that turn a time in this unit into seconds, None where it is no unit of time.
+
+    >>> in_seconds("ms"), in_seconds("rpm")
+    ((1.0, 1000.0), None)
+    """
+    return _TIME.get(plain_unit(unit).casefold())
+
+
+def time_unit(name: str, unit: str) -> str | None:
+    """The unit of a column that is called like time, seconds by default; None where it is called otherwise.
+
+    >>> time_unit("time_ms", ""), time_unit("Zeit", "s"), time_unit("t", "°C")
+    ('ms', 's', None)
+    """
+    found = _TIME_NAME.fullmatch(name.strip().casefold())
+    if not found or (found[1] and in_seconds(found[1]) is None):
+        return None
+    given = unit if plain_unit(unit) not in ("", "-") else (found[1] or "s")
+    return None if in_seconds(given) is None else given
+
+
+def may_be_time(name: str, unit: str) -> bool:
+    """Whether a column is worth a look as the time of the samples."""
+    return time_unit(name, unit) is not None or in_seconds(unit) is not None

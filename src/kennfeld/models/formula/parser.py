@@ -1,0 +1,349 @@
+"""Tokens to syntax: a Pratt parser for expressions, one method a kind of statement.
+
+Precedence, from loose to tight:
+
+    or  <  and  <  not  <  == != < <= > >=  <  + -  <  * /  <  unary -  <  ^ (binds to the right)
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from kennfeld.models.formula.lexer import DECLARATIONS, FOREIGN, RESERVED, statements, tokens
+from kennfeld.models.formula.source import Source
+from kennfeld.models.formula.syntax import (
+    Call,
+    Chain,
+    Declaration,
+    Definition,
+    Expr,
+    Function,
+    Name,
+    Number,
+    Prefix,
+    Statement,
+    Step,
+    Token,
+)
+
+__all__ = ["DEEPEST", "LEVELS", "parse", "parse_expression"]
+
+LEVELS: Final = {
+    "or": 1,
+    "and": 2,
+    "not": 3,
+    **dict.fromkeys(("==", "!=", "<", "<=", ">", ">="), 4),
+    **dict.fromkeys("+-", 5),
+    **dict.fromkeys("*/", 6),
+    "^": 8,
+}
+_NOT, _COMPARISON, _POWER = LEVELS["not"], LEVELS["<"], LEVELS["^"]
+_LOOSEST = 1
+
+# keeps the parser far from Python's own limit of 1000 calls
+DEEPEST = 100
+
+
+class _Wrong(Exception):  # noqa: N818
+    def __init__(self, at: Token, what: str, mend: str = "") -> None:
+        self.finding = (at, what, mend)
+
+
+Keys = dict[tuple[Any, ...], int]
+
+
+def parse(source: Source) -> list[Statement]:
+    """The statements of a text; what is wrong goes to `source.report`, one finding a statement."""
+    keys: Keys = {}
+    found = (_Parser(line, keys, source).statement() for line in statements(source.lines))
+    return [statement for statement in found if statement is not None]
+
+
+def parse_expression(source: Source, lines: range, keys: Keys) -> Expr | None:
+    """The one expression that these lines (counted from 1) hold, or None where it is wrong."""
+    found = [token for number in lines for token in tokens(source.lines[number - 1], number)]
+    last = found[-1] if found else Token("end", "", lines[0], 1)
+    end = Token("end", "", last.line, last.column + len(last.text))
+    return _Parser([*found, end], keys, source).whole()
+
+
+class _Parser:
+    """Parses the tokens of one statement."""
+
+    def __init__(self, found: Sequence[Token], keys: Keys, source: Source) -> None:
+        self.tokens = found
+        self.keys = keys
+        self.source = source
+        self.position = 0
+        self.depth = 0
+
+    # --- statements
+
+    def statement(self) -> Statement | None:
+        self._skip_line_number()
+        first, second = self.tokens[self.position], self.tokens[min(self.position + 1, len(self.tokens) - 1)]
+        declares = first.kind == "name" and first.text in DECLARATIONS
+        if not declares or second.text == "=" or second.kind == "unit":
+            return self._definition()
+        self.position += 1
+        if first.text == "def":
+            return self._function()
+        return self._step(first) if first.text == "step" else self._declaration(first)
+
+    def whole(self) -> Expr | None:
+        """The expression up to the end, or None where it is wrong."""
+        try:
+            made = self._expression(_LOOSEST)
+            self._finish()
+        except _Wrong as wrong:
+            self.source.report(*wrong.finding)
+            return None
+        return made
+
+    def _skip_line_number(self) -> None:
+        first, *others = self.tokens[:2]
+        if first.kind == "number" and first.text.isdigit() and others[0].kind in ("name", "quoted"):
+            self.position = 1
+
+    def _definition(self) -> Definition | None:
+        try:
+            name = self._name("a line begins with the name of a node")
+            unit = self._unit()
+        except _Wrong as wrong:
+            self.source.report(*wrong.finding)
+            return None
+        try:
+            self._equals(name)
+        except _Wrong as wrong:
+            self.source.report(*wrong.finding)
+            return Definition(name, unit, None)
+        return Definition(name, unit, self.whole())
+
+    def _declaration(self, kind: Token) -> Declaration | None:
+        name = None
+        unit = ""
+        try:
+            name = self._name(f"{kind.text} needs a name")
+            unit = self._unit()
+            if self._peek.text == ",":
+                raise _Wrong(self._peek, "a line declares one name", f"Write a line with {kind.text} for each name.")
+            self._finish()
+        except _Wrong as wrong:
+            self.source.report(*wrong.finding)
+        return Declaration(kind.text, name, unit) if name else None
+
+    def _step(self, word: Token) -> Step | None:
+        number = self._next()
+        if number.kind != "number" or self._peek.kind != "end" or not 0 < float(number.text) < float("inf"):
+            self.source.report(number, "step needs a positive number of seconds", "Write step 0.01, for example.")
+            return None
+        return Step(word, float(number.text))
+
+    def _function(self) -> Function | None:
+        name = None
+        arguments: list[Token] = []
+        try:
+            name = self._name("def needs the name of the function")
+            self._expect("(", "Write def f(a, b) = expression.")
+            if self._peek.text != ")":
+                arguments.append(self._name("an argument needs a name"))
+                while self._take(","):
+                    arguments.append(self._name("an argument needs a name"))
+            self._expect(")", "Write def f(a, b) = expression.")
+            self._expect("=", "Write def f(a, b) = expression.")
+        except _Wrong as wrong:
+            self.source.report(*wrong.finding)
+            return Function(name, tuple(arguments), None) if name else None
+        return Function(name, tuple(arguments), self.whole())
+
+    def _name(self, what: str) -> Token:
+        token = self._next()
+        if token.kind == "bad":
+            raise self._bad(token)
+        if token.kind not in ("name", "quoted"):
+            raise _Wrong(token, what)
+        if token.kind == "name" and token.text in RESERVED:
+            raise _Wrong(token, f"{token.text} is a reserved word", f"Write %{token.text}% to use it as a name.")
+        return token
+
+    def _unit(self) -> str:
+        return self._next().text[1:-1].strip() if self._peek.kind == "unit" else ""
+
+    def _equals(self, name: Token) -> None:
+        token = self._next()
+        if token.text == "=":
+            return
+        if token.kind == "bad" and token.text != ".":
+            raise self._bad(token)
+        mend = "Write name[unit] = expression; names with other characters as %any[3].name%."
+        raise _Wrong(token, f"= is missing behind {name.name}", mend)
+
+    def _finish(self) -> None:
+        token = self._peek
+        if token.kind == "end":
+            return
+        if token.kind == "bad":
+            raise self._bad(token)
+        if token.text == ")":
+            raise _Wrong(token, "this bracket closes none", "Remove it, or open one before it.")
+        if token.kind == "unit":
+            raise self._misplaced_unit(token)
+        if token.text == "=":
+            raise _Wrong(token, "= stands inside an expression", "Write == to compare.")
+        if token.text == ",":
+            raise _Wrong(token, "a comma stands outside brackets", "Write a decimal point, not a comma.")
+        raise _Wrong(token, f"an operator is missing before {token.text}")
+
+    # --- expressions
+
+    def _expression(self, level: int) -> Expr:
+        """An expression whose operators bind at least as tightly as `level`."""
+        left = self._operand(level)
+        while self._level >= level:
+            left = self._infix(left, self._level)
+        return left
+
+    @property
+    def _level(self) -> int:
+        token = self._peek
+        return LEVELS.get(token.text, 0) if token.kind == "op" and token.text != "not" else 0
+
+    def _infix(self, left: Expr, level: int) -> Expr:
+        at, start = self._peek, self.position
+        rest: list[tuple[str, Expr]] = []
+        while self._level == level:
+            operator = self._next()
+            if rest and level == _COMPARISON:
+                raise self._chained(left, start)
+            rest.append((operator.text, self._power() if level == _POWER else self._expression(level + 1)))
+        key = self._key("chain", left.key, *(part for op, operand in rest for part in (op, operand.key)))
+        return Chain(left, tuple(rest), at, key)
+
+    def _power(self) -> Expr:
+        self._deeper()
+        exponent = self._expression(_POWER)
+        self.depth -= 1
+        return exponent
+
+    def _chained(self, left: Expr, start: int) -> _Wrong:
+        """`start` is the index of the first comparison, the second one was read last."""
+        first, second, third = self.tokens[start], self.tokens[self.position - 1], self._peek
+        middle = self.source.text(self.tokens[start + 1], self.tokens[self.position - 2])
+        follows = self.tokens[min(self.position + 1, len(self.tokens) - 1)]
+        short = isinstance(left, Name | Number) and (follows.kind == "end" or follows.text in (")", ","))
+        a, b, c = (left.at.text, middle, third.text) if short and middle and third.text else ("a", "b", "c")
+        mend = f"Write {a} {first.text} {b} and {b} {second.text} {c}."
+        return _Wrong(second, "comparisons cannot be chained", mend)
+
+    def _operand(self, level: int) -> Expr:
+        token = self._next()
+        match token.kind, token.text:
+            case "number", _:
+                return self._number(token)
+            case (("name" | "quoted"), _):
+                return self._call(token) if self._peek.text == "(" else self._bare(token)
+            case "op", "(":
+                return self._bracket(token)
+            case "op", ("-" | "+" | "not"):
+                return self._prefix(token, level)
+        raise self._no_operand(token)
+
+    def _number(self, token: Token) -> Number:
+        value = float(token.text)
+        if value == float("inf"):
+            raise _Wrong(token, f"{token.text} is too large for a number", "Write inf for infinity.")
+        return Number(value, token, self._key("number", value))
+
+    def _bare(self, token: Token) -> Name:
+        if self._peek.kind == "unit":
+            raise self._misplaced_unit(self._peek, token)
+        return Name(token.name, token, self._key("name", token.name, token.quoted))
+
+    def _call(self, name: Token) -> Call:
+        opening = self._next()
+        self._deeper()
+        args: list[Expr] = []
+        if self._peek.text != ")":
+            args.append(self._expression(_LOOSEST))
+            while self._take(","):
+                args.append(self._expression(_LOOSEST))
+        self._close(opening)
+        key = self._key("call", name.name, name.quoted, *(arg.key for arg in args))
+        return Call(name.name, tuple(args), name, key)
+
+    def _bracket(self, opening: Token) -> Expr:
+        self._deeper()
+        inner = self._expression(_LOOSEST)
+        self._close(opening)
+        return inner
+
+    def _prefix(self, token: Token, level: int) -> Expr:
+        if token.text == "not" and level > _NOT:
+            raise _Wrong(token, "not binds looser than what stands before it", "Put brackets around it: (not a).")
+        self._deeper()
+        operand = self._expression(_NOT if token.text == "not" else _POWER)
+        self.depth -= 1
+        if token.text == "+":
+            return operand
+        return Prefix(token.text, operand, token, self._key(token.text, operand.key))
+
+    def _close(self, opening: Token) -> None:
+        token = self._peek
+        if token.text != ")":
+            if token.kind == "end":
+                raise _Wrong(opening, "this bracket is not closed")
+            self._finish()
+        self.position += 1
+        self.depth -= 1
+
+    def _deeper(self) -> None:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            at = self.tokens[self.position - 1]
+            raise _Wrong(at, f"the expression is nested deeper than {DEEPEST}", "Give its inner parts names.")
+
+    # --- tokens
+
+    @property
+    def _peek(self) -> Token:
+        return self.tokens[self.position]
+
+    def _next(self) -> Token:
+        token = self.tokens[self.position]
+        if token.kind != "end":
+            self.position += 1
+        return token
+
+    def _take(self, text: str) -> bool:
+        taken = self._peek.text == text and self._peek.kind == "op"
+        self.position += taken
+        return taken
+
+    def _expect(self, text: str, mend: str) -> None:
+        if not self._take(text):
+            raise _Wrong(self._peek, f"{text} is missing", mend)
+
+    def _key(self, *parts: Any) -> int:
+        return self.keys.setdefault(parts, len(self.keys))
+
+    # --- what is wrong
+
+    def _no_operand(self, token: Token) -> _Wrong:
+        if token.kind == "bad":
+            return self._bad(token)
+        if token.kind == "unit":
+            return self._misplaced_unit(token)
+        if token.kind == "end":
+            return _Wrong(token, "the expression ends too early")
+        return _Wrong(token, f"a number or a name is missing before {token.text}")
+
+    def _bad(self, token: Token) -> _Wrong:
+        if token.text in FOREIGN:
+            return _Wrong(token, f"{token.text} has no meaning here", FOREIGN[token.text])
+        if len(token.text) > 1:
+            mend = f"Write * between a number and a name, or %{token.text}% for a name."
+            return _Wrong(token, f"{token.text} is neither a number nor a name", mend)
+        return _Wrong(token, f"{token.text!r} has no meaning here")
+
+    def _misplaced_unit(self, unit: Token, name: Token | None = None) -> _Wrong:
+        mend = f"Write %{name.text if name else 'name'}{unit.text}% for a name that holds brackets."
+        return _Wrong(unit, "a unit stands only behind the name that a line defines", mend)

@@ -1,0 +1,36 @@
+"""A model that has a graph, whatever it was read from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from kennfeld.graph import Graph
+
+__all__ = ["Model"]
+
+
+def _nothing() -> Mapping[str, Any]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Model:
+    """The graph of one time step, and what its source says about it.
+
+    `step` is the model's own step in s, None where the data decide. `declared` are the parameters that the source
+    declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
+    or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
+
+    >>> from kennfeld.models.formula import formula
+    >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
+    >>> model.graph.inputs, dict(model.graph.parameters), model.places["y"]
+    (('u',), {'Gain': 1, 'k': 0}, 'demo line 1')
+    """
+
+    graph: Graph
+    name: str = "model"
+    step: float | None = None
+    declared: Mapping[str, int] = field(default_factory=_nothing)
+    source: str = ""
+    places: Mapping[str, str] = field(default_factory=_nothing)

@@ -1,0 +1,64 @@
+"""A compiled model that only computes: the values of chosen nodes over all samples."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.graph.derivative import differentiate
+from kennfeld.graph.lowering import Lowered
+from kennfeld.native.emitter import Layout
+from kennfeld.native.kernel import input_rows, order_values
+from kennfeld.native.step import compiled, start_code, values_code
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Simulator"]
+
+CHUNK = 65536  # samples a native call, so that it ends within milliseconds
+
+
+class Simulator:
+    """Computes the nodes `roots` of a lowered graph."""
+
+    def __init__(self, lowered: Lowered, roots: Sequence[int], parameters: ParameterSet) -> None:
+        self._line = differentiate(lowered.graph, roots, ())
+        self._values = order_values(self._line, parameters, tuple(lowered.shapes), ())
+        self._layout = Layout(
+            input_rows(self._line.nodes),
+            self._values.offsets,
+            lowered.shapes,
+            lowered.axes,
+            tuple(state.latency for state in lowered.graph.states),
+        )
+        self._axes = np.concatenate([np.zeros(0), *lowered.axes])
+        self._roots = tuple(roots)
+        codes = [values_code(self._line, self._layout, roots)]
+        if self._line.states:
+            codes.append(start_code(self._line, self._layout))
+        self._run, *rest = compiled(*codes)
+        self._start = rest[0] if rest else None
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The rows of the data that `run` expects."""
+        return tuple(self._layout.inputs)
+
+    def run(self, parameters: ParameterSet, data: Float, starts: Sequence[int] = (0,)) -> Float:
+        """The nodes' values, shape (roots, samples), from `data` of shape (inputs, samples).
+
+        States start anew at the samples `starts`.
+        """
+        data = np.ascontiguousarray(data, dtype=np.float64)
+        count = data.shape[1]
+        out = np.empty((len(self._roots), count))
+        values, widths = self._values.pack(parameters), np.zeros(max(len(self._layout.axes), 1))
+        memory, hints = np.zeros(self._layout.memory), np.zeros(max(self._layout.hints, 1), dtype=np.int64)
+        room = np.zeros(8)
+        arrays = (values, self._axes, widths, memory, hints)
+        model = (data.ctypes.data, count, *(array.ctypes.data for array in arrays))
+        for first, last in zip(starts, [*starts[1:], count], strict=True):
+            if self._start is not None:
+                self._start(*model, *([room.ctypes.data] * 3), first)
+            for at in range(first, last, CHUNK):
+                self._run(*model, out[:, at:].ctypes.data, count, at, min(at + CHUNK, last))
+        return out

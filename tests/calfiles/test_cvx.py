@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from kennfeld.calfiles import describe, read, write
+from kennfeld.errors import InputError
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+
+HEAD = 'CALIBRATION VALUES V2.1,.,*,"",\n\n'
+X2 = "\n,K\nX_AXIS_PTS,,1,2\n"
+Y2 = "\n,K\nY_AXIS_PTS,,7,8\n"
+
+
+@pytest.fixture
+def cvx(written):
+    return lambda body, head=HEAD: written((head + body).replace("\n", "\r\n"), "start.csv")
+
+
+def findings(path):
+    with pytest.raises(InputError) as caught:
+        read(path)
+    return [str(finding) for finding in caught.value.findings]
+
+
+def test_values_start_in_the_third_column_and_units_stand_before(cvx):
+    assert read(cvx(',K\nVALUE,:"1,5 ""s""":,2.5\n'))["K"] == Scalar("K", 2.5, unit='1,5 "s"')
+
+
+@pytest.mark.parametrize(
+    "head",
+    ['CALIBRATION VALUES V1.0;,;*; ""\n', 'CALIBRATION VALUES V2.1;,;*;"";\n', 'CALIBRATION VALUES V2.1\t,\t*\t""\t\n'],
+)
+def test_the_first_line_declares_separator_and_decimal_point(cvx, head):
+    separator = head[23]
+    path = cvx(f"{separator}K{separator}\nVAL_BLK;;7,65;0,24;9\n".replace(";", separator), head)
+    assert read(path)["K"] == Block("K", [7.65, 0.24, 9])
+
+
+def test_a_decimal_comma_leaves_no_decimal_point(cvx):
+    assert "'1.5' is no number" in findings(cvx(";K\nVALUE;;1.5\n", 'CALIBRATION VALUES V2.1;,;*;"";\n'))[0]
+
+
+def test_a_map_is_turned_to_x_first_and_its_embedded_breakpoints_are_ignored(cvx):
+    expected = Map("K", [1, 2], [7, 8], [[1, 3], [2, 4]], unit="Nm")
+    for embedded in ("\n", ",,99,98\n", ",,\n"):
+        path = cvx(f'tag,K\n* c\nMAP,\n{embedded}:"Nm":,7,1,2\n,8,3,4\n\nFUNCTION,,"F","f"\n{X2}{Y2}')
+        assert read(path)["K"] == expected
+
+
+def test_identifiers_are_compared_without_regard_to_case(cvx):
+    assert read(cvx(",k\nCURVE\n,,5,6\n" + X2))["k"] == Curve("k", [1, 2], [5, 6])
+
+
+def test_texts_are_carried(cvx):
+    assert read(cvx(',A\nASCII,,"a,""b"\n\n,B\nVALUE,,"on"\n')).texts == (Text("A", 'a,"b'), Text("B", "on"))
+
+
+def test_headers_functions_and_variants_do_not_disturb(cvx):
+    head = 'FUNCTION_HDR,,\n,"F"\n\nVARIANT_HDR,,\n"Car","A","B"\n\n'
+    records = ',K\nVALUE,,1\nVARIANT,,"Car"."A"\nDISPLAY_IDENTIFIER,,"k"\n\n,K\nVALUE,,2\nVARIANT,,"Car"."B"\n'
+    path = cvx(head + records)
+    assert read(path)["K"].value == 1
+    assert "another variant" in str(describe(path).remarks[0])
+
+
+def test_what_is_no_number_to_calibrate_is_left_aside_with_a_remark(cvx):
+    path = cvx(',B\nVAL_BLK,,"a","b"\n\n,R\nRESCALE_AXIS_PTS,,1,2\n\n,K\nVALUE,,1\n')
+    assert list(read(path)) == ["K"]
+    assert len(describe(path).remarks) == 2
+
+
+def test_a_table_whose_group_axis_is_not_named_is_left_aside_with_a_remark(cvx):
+    path = cvx(",K\nCURVE\n,,5,6\n\n,Axis\nAXIS_PTS,,1,2\n")
+    assert describe(path).axes == (Axis([1, 2], name="Axis"),)
+    assert "does not say which group axis" in str(describe(path).remarks[0])
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (",K\nVALUE,,1,2\n", "line 4 (K): VALUE has 2 values, not one"),
+        (",K\nVALUE\n", "line 4 (K): VALUE has 0 values"),
+        (",K\nVALUE,,x\n", "line 4 (K): 'x' is no number"),
+        (",K\nVALUE,,nan\n", "'nan' is no number"),
+        (",K\nVALUE,,1_0\n", "'1_0' is no number"),
+        (",K\nVAL_BLK,,\n", "VAL_BLK has no values"),
+        (",K\nVAL_BLK,,1,2\n,,3\n", "VAL_BLK has rows of [1, 2] values"),
+        (",K\nASCII,,1\n", "ASCII holds no text"),
+        (",K\nCURVE\n,,1,2\n", "CURVE has no record X_AXIS_PTS. The file may be cut off"),
+        (",K\nCURVE\n,,1,2,3\n" + X2, "line 5 (K): the row has 3 values, the x axis asks for 2"),
+        (",K\nMAP\n\n,,1,2\n" + X2 + Y2, "MAP has 1 row of values, its axis asks for 2"),
+        (",K\nMAP\n\n,,1,2\n,,3\n" + X2 + Y2, "line 7 (K): the row has 1 value, the x axis asks for 2"),
+        (",K\nX_AXIS_PTS,,2,1\n", "X_AXIS_PTS does not increase: breakpoint 2 (1) does not exceed breakpoint 1 (2)"),
+        (",K\nX_AXIS_PTS\n", "X_AXIS_PTS has no breakpoints"),
+        (",K\nVALUE,,1\n\n,K\nVALUE,,2\n", "K is defined a second time, with other values than in line 4"),
+        (',K\nVALUE,,1\n\n,K\nASCII,,"2"\n', "K is defined a second time, as a number and as a text"),
+        ("VALUE,,1\n", "VALUE follows no identifier"),
+        (";K\nVALUE;;1\n", "holds no record whose cells are separated by ','"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(cvx, body, said):
+    assert any(said in finding for finding in findings(cvx(body)))
+
+
+def test_the_layout_is_that_of_inca(tmp_path):
+    speed = Axis([1, 2], unit="rpm", name="AxisSpeed")
+    write(
+        ParameterSet([Map("M", [1, 2], [7, 8], [[1, 3], [2, 4]], unit="Nm"), Curve("C", speed, [5, 6])]),
+        tmp_path / "a.csv",
+    )
+    assert (tmp_path / "a.csv").read_bytes().decode().split("\r\n") == [
+        'CALIBRATION VALUES V2.1,.,*,"",',
+        "",
+        *(",M", "MAP,", "", ':"Nm":,,1.0,2.0', ",,3.0,4.0", ""),
+        *(",M", "X_AXIS_PTS,,1.0,2.0", "", ",M", "Y_AXIS_PTS,,7.0,8.0", ""),
+        *(",C", "CURVE,AxisSpeed", ",,5.0,6.0", ""),
+        *(",AxisSpeed", 'AXIS_PTS,:"rpm":,1.0,2.0', ""),
+    ]
+
+
+def test_what_cvx_cannot_hold_is_refused_by_name(tmp_path):
+    parameters = ParameterSet(
+        [Cube("Q", [[1], [1], [1]], np.ones((1, 1, 1))), Scalar("N", np.inf), Scalar("a,b", 1), Scalar("T", 1)],
+        [Text("T", "a"), Text("L", "a\nb")],
+    )
+    with pytest.raises(InputError) as caught:
+        write(parameters, tmp_path / "a.csv")
+    for name in ("Q", "N", "a,b", "T", "L"):
+        assert f"a.csv ({name}): " in str(caught.value)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,105 @@
+import os
+
+import numpy as np
+import pytest
+
+import kennfeld.calfiles
+from kennfeld.calfiles import describe, endings, read, write
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar, Text
+
+ONE = ParameterSet([Scalar("K", 2.0)])
+
+
+def test_the_public_names_are_pinned():
+    assert kennfeld.calfiles.__all__ == ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
+    assert endings() == (".json", ".csv", ".dcm")
+
+
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".DCM"])
+def test_the_content_tells_the_format_when_reading(tmp_path, ending):
+    write(ONE, tmp_path / f"a{ending}")
+    (tmp_path / f"a{ending}").rename(tmp_path / "renamed.txt")
+    assert read(str(tmp_path / "renamed.txt")) == ONE
+
+
+def test_a_set_saves_itself(tmp_path):
+    ONE.save(tmp_path / "a.dcm")
+    assert read(tmp_path / "a.dcm") == ONE
+
+
+def test_an_unknown_ending_is_refused_with_the_known_ones(tmp_path):
+    with pytest.raises(ArgumentError, match=r"DCM \(\.dcm\).*Did you mean \.dcm\?"):
+        write(ONE, tmp_path / "a.dcmx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_is_replaced_as_a_whole(tmp_path, monkeypatch):
+    path = tmp_path / "a.dcm"
+    write(ONE, path)
+    before = path.read_bytes()
+
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.replace", full_disk)
+    with pytest.raises(InputError, match="cannot be written: No space left"):
+        write(ParameterSet([Scalar("K", 3.0)]), path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_missing_folder_is_reported(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        write(ONE, tmp_path / "nowhere" / "a.dcm")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows")
+def test_a_link_stays_a_link(tmp_path):
+    write(ONE, tmp_path / "a.dcm")
+    (tmp_path / "link.dcm").symlink_to(tmp_path / "a.dcm")
+    write(ParameterSet([Scalar("K", 3.0)]), tmp_path / "link.dcm")
+    assert (tmp_path / "link.dcm").is_symlink()
+    assert read(tmp_path / "a.dcm")["K"].value == 3.0
+
+
+def test_a_description_says_what_is_in_a_file(tmp_path):
+    speed = Axis([1, 2], unit="rpm", name="AxisSpeed")
+    parameters = ParameterSet([Curve("C", speed, [3, np.nan], unit="Nm", description="d")], [Text("T", "a")])
+    write(parameters, tmp_path / "a.json")
+    found = describe(tmp_path / "a.json")
+    assert (found.kind, found.axes, found.texts, found.remarks) == ("JSON", (speed,), (Text("T", "a"),), ())
+    summary = found.parameters[0]
+    assert (summary.name, summary.kind, summary.shape, summary.unit) == ("C", "curve", (2,), "Nm")
+    assert (summary.description, summary.minimum, summary.maximum) == ("d", 3.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("raw", "said"),
+    [
+        (b"", "is empty"),
+        (b" \n ", "is empty"),
+        (b"FESTWERT K\n\0\0", "it holds binary data"),
+        (b"MDF     4.10\0\0", "it looks like an MDF measurement"),
+        (b"PK\x03\x04\0\0", "it looks like a ZIP archive"),
+        (b"\xef\xbb\xbf<?xml version='1.0'?>", "it looks like XML"),
+        (b"time,Torque\n0,1\n", "it begins with 'time,Torque'"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
+    path = tmp_path / "start.dcm"
+    path.write_bytes(raw)
+    with pytest.raises(InputError, match=r"Expected .*DCM \(\.dcm\)") as caught:
+        read(path)
+    assert said in str(caught.value)
+
+
+def test_a_missing_file_is_refused_with_the_nearest_name(tmp_path):
+    write(ONE, tmp_path / "start.dcm")
+    with pytest.raises(InputError, match=r"there is no such file\. Did you mean start\.dcm\?"):
+        read(tmp_path / "strat.dcm")
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read(tmp_path)

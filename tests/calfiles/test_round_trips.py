@@ -1,0 +1,93 @@
+"""What a format writes, it reads back as an equal set; what is damaged is refused with findings."""
+
+import json
+
+import pytest
+from calibration_sets import line_texts, parameter_sets, plain_units
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kennfeld.calfiles import read, write
+from kennfeld.errors import InputError
+
+few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@few
+@given(parameters=parameter_sets())
+def test_dcm_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.dcm"
+    write(parameters, path)
+    assert read(path) == parameters
+
+
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_json_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.json"
+    write(parameters, path)
+    assert read(path) == parameters
+    json.loads(path.read_text(encoding="utf-8"))
+
+
+@few
+@given(parameters=parameter_sets(units=plain_units, descriptions=st.just("")))
+def test_cvx_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.csv"
+    write(parameters, path)
+    assert read(path) == parameters
+
+
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv"])
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):
+    path = tmp_path_factory.mktemp("sets") / f"a{ending}"
+    write(data.draw(parameter_sets(units=plain_units)), path)
+    path.write_bytes(data.draw(damaged(path.read_bytes())))
+    assert all(finding.what for finding in findings(path))
+
+
+def findings(path):
+    """What a damaged file is refused for; any other exception fails the test."""
+    try:
+        read(path)
+    except InputError as error:
+        return error.findings or pytest.fail("refused without a finding")
+    return ()
+
+
+@st.composite
+def damaged(draw, raw):
+    """The file cut off, with a piece removed, repeated or replaced, or with its words shuffled."""
+    first, last = sorted(draw(st.lists(st.integers(0, len(raw)), min_size=2, max_size=2)))
+    replacement = draw(st.one_of(st.binary(max_size=8), st.sampled_from(_INSERTS)))
+    return draw(
+        st.sampled_from(
+            [
+                raw[:first],
+                raw[:first] + raw[last:],
+                raw[:last] + raw[first:],
+                raw[:first] + replacement + raw[first:],
+                raw[:first] + replacement + raw[last:],
+                raw[:first] + raw[first:last][::-1] + raw[last:],
+            ]
+        )
+    )
+
+
+_INSERTS = [
+    b"\nEND\n",
+    b"\nKENNFELD X 999999999 999999999\n",
+    b"\nKENNLINIE\n",
+    b" nan ",
+    b" 1e999 ",
+    b"\0",
+    b'"',
+    b"\n",
+    b"[[[[",
+    b"null",
+    b"-",
+    b"\n,MAP\nMAP,\n",
+    b"\xff\xfe",
+]
