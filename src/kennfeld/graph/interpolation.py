@@ -80,7 +80,8 @@ def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, w
 def _differences(share: Float, total: float) -> Float:
     """Weights of the grid points from the share of each interval that has been climbed."""
     edges = np.full((share.shape[0], 1), total)
-    return np.hstack([edges, share]) - np.hstack([share, np.zeros_like(edges)])
+    result: Float = np.hstack([edges, share]) - np.hstack([share, np.zeros_like(edges)])
+    return result
 
 
 def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:

@@ -31,6 +31,8 @@ def read_bulk(source: Source, dialect: Dialect, selection: Selection) -> Table |
     if sample is None or len({len(row) for row in cells}) != 1 or any(map(is_comment, sample)):
         return None
     width = len(cells[0])
+    if width < dialect.header.width:
+        return None
     kinds = {i: _kind([row[i] for row in cells], dialect) for i in range(width)}
     wanted = [i for i in selection.wants(dialect.header) if i < width]
     numeric = [i for i in wanted if kinds[i] is not None]

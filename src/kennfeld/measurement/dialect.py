@@ -86,7 +86,7 @@ def split(line: str, separator: str) -> list[str]:
 
 def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
     """The dialect of a file that begins with these lines; `InputError` where no table can be seen."""
-    best: tuple[int, Dialect] | None = None
+    best: tuple[tuple[int, int], Dialect] | None = None
     lines = _joined(lines)
     for separator in _SEPARATORS:
         if separator != ALONE and not any(separator in line for line in lines):
@@ -96,7 +96,7 @@ def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
             scored = _scored(rows, separator, decimal, encoding, lines)
             if scored is not None and (best is None or scored[0] > best[0]):
                 best = scored
-    if best is None or best[0] <= 0:
+    if best is None or best[0][0] <= 0:
         raise _no_table(place, lines)
     return best[1]
 
@@ -118,21 +118,24 @@ def _decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
 
 def _scored(
     rows: list[list[str]], separator: str, decimal: Decimal, encoding: str, lines: Sequence[str]
-) -> tuple[int, Dialect] | None:
-    """How well the lines read this way: numbers count for it, text and rows of another length against it."""
+) -> tuple[tuple[int, int], Dialect] | None:
+    """How well the lines read this way; of two that read as well the one with the first header wins.
+
+    Numbers count for it, text among numbers and rows of another length against it.
+    """
     header = find_header(rows, decimal) or _commented_header(rows, separator, decimal, lines)
     if header is None:
         return None
+    data = [row for row in rows[header.data :] if any(cell.strip() for cell in row)]
+    found = [[None if not cell.strip() else number(cell, decimal) for cell in row] for row in data]
+    numeric = {i for values in found for i, value in enumerate(values) if value is not None}
     score, seen = 0, False
-    for row in rows[header.data :]:
-        if not any(cell.strip() for cell in row):
-            continue
-        found = [number(cell, decimal) for cell in row]
-        texts = found.count(None)
-        score += len(found) - row.count("") - 2 * texts - (3 if len(row) < header.width else 0)
-        score -= 3 * any(cell.strip() for cell in row[len(header.names) :])
-        seen = seen or any(value is not None and decimal in cell for cell, value in zip(row, found, strict=True))
-    return score, Dialect(encoding, separator, decimal, seen, header)
+    for row, values in zip(data, found, strict=True):
+        odd = len(row) < header.width or any(cell.strip() for cell in row[len(header.names) :])
+        texts = sum(value is None and i in numeric and bool(row[i].strip()) for i, value in enumerate(values))
+        score += len(values) - values.count(None) - 2 * texts - 3 * odd
+        seen = seen or any(value is not None and decimal in cell for cell, value in zip(row, values, strict=True))
+    return (score, -header.row), Dialect(encoding, separator, decimal, seen, header)
 
 
 def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:

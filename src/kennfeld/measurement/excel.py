@@ -2,6 +2,7 @@
 
 import re
 import zipfile
+import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,6 +18,7 @@ __all__ = ["column_letters", "read_tables"]
 
 _HEAD_ROWS = 200
 _CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
+_SHEET = re.compile(r"xl/worksheets/.*\.xml")
 _FAR = re.compile(rb'<c r="([A-Z]{2,3})[0-9]')
 _ROW = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{1,7})"')
 
@@ -40,13 +42,16 @@ def _check_size(source: Source) -> None:
     """Refuse a sheet whose rectangle would not fit: one stray cell in the last row and column is enough for that."""
     if not zipfile.is_zipfile(source.path):
         return
-    with zipfile.ZipFile(source.path) as archive:
-        for member in archive.infolist():
-            if member.filename.startswith("xl/worksheets/sheet") and member.filename.endswith(".xml"):
-                width, height = _extent(archive, member)
-                if width * height > _CELLS:
-                    what = f"{member.filename} spans {height} rows and {width} columns"
-                    raise InputError.of(source.name, what, "Delete the stray cells far from the table.")
+    try:
+        with zipfile.ZipFile(source.path) as archive:
+            sheets = [m for m in archive.infolist() if _SHEET.fullmatch(m.filename)]
+            extents = [(sheet.filename, *_extent(archive, sheet)) for sheet in sheets]
+    except _damage() as error:
+        raise _damaged(source, error) from None
+    for name, width, height in extents:
+        if width * height > _CELLS:
+            what = f"{name} spans {height} rows and {width} columns"
+            raise InputError.of(source.name, what, "Delete the stray cells far from the table.")
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:
@@ -83,7 +88,8 @@ def _workbook(source: Source, stream: Any) -> Any:
 def _damage() -> tuple[type[BaseException], ...]:
     import python_calamine
 
-    return (python_calamine.CalamineError, OSError, ValueError, UnicodeError, zipfile.BadZipFile)
+    unpacking = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
+    return (python_calamine.CalamineError, OSError, ValueError, *unpacking)
 
 
 def _damaged(source: Source, error: BaseException) -> InputError:

@@ -35,6 +35,7 @@ class _Shape:
     numbers: frozenset[int]
     texts: frozenset[int]
     ones: bool  # no number but 1, which may be a unit
+    worded: bool  # no number but words such as `on`, which may be a name
 
     @property
     def is_data(self) -> bool:
@@ -69,7 +70,8 @@ def _shape(row: Row, decimal: Decimal) -> _Shape:
     numbers = frozenset(held) - texts
     dashes = {i for i in numbers if str(row[i]).strip("- ") == ""}
     ones = all(held[i] == 1 for i in numbers - dashes)
-    return _Shape(numbers - dashes if texts or numbers == dashes else numbers, texts, ones)
+    worded = all(isinstance(row[i], str) and str(row[i]).strip().isalpha() for i in numbers - dashes)
+    return _Shape(numbers - dashes if texts or numbers == dashes else numbers, texts, ones, worded)
 
 
 def _is_blank(cell: object) -> bool:
@@ -79,15 +81,16 @@ def _is_blank(cell: object) -> bool:
 def _below(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape]) -> tuple[int | None, int] | None:
     """The unit row (None without one) and the first data row below the names in filled[0], if these are names."""
     names = shapes[filled[0]]
-    if not names.texts or names.is_data:
+    if not names.texts or not names.worded:
         return None
+    named = names.texts | names.numbers
     for skipped, unit_row in ((1, None), (2, filled[1])):
         if len(filled) <= skipped:
             return None
         data = shapes[filled[skipped]]
         if unit_row is None and _unit_row_of_ones(rows[filled[1]], data):
             continue
-        if data.is_data and 2 * len(names.texts & data.numbers) >= len(data.numbers):
+        if data.is_data and 2 * len(named & data.numbers) >= len(data.numbers):
             if unit_row is None or _is_unit_row(rows[filled[0]], rows[unit_row], shapes[unit_row]):
                 return unit_row, filled[skipped]
             return None

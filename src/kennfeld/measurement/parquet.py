@@ -24,35 +24,34 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
     try:
         with source.path.open("rb") as stream, pq.ParquetFile(stream) as file:
             header = _header(file.schema_arrow)
-            wanted = [i for i in _wanted(header, selection) if _is_numeric(file.schema_arrow.field(i).type)]
+            asked = selection.wants(header)
+            wanted = [i for i in asked if _is_numeric(file.schema_arrow.field(i).type)]
             columns = [_column(file, header, i) for i in wanted]
-            texts = [_text(file, header, i) for i in _wanted(header, selection) if i not in wanted]
+            texts = [_text(file, header, i) for i in asked if i not in wanted]
             count = file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
         what = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
         raise InputError.of(source.name, what, "Copy or write it anew.") from None
-    if not count or not columns:
-        what = "holds no rows" if not count else "holds no column of numbers"
-        raise InputError.of(source.name, what, "Is it the right file?")
+    if not count:
+        raise InputError.of(source.name, "holds no rows", "Is it the right file?")
     rows = np.arange(1, count + 1)
     return [Table(source.name, (*columns, *texts), rows, row_word="row", names=header.names)]
 
 
 def _header(schema: Any) -> Header:
+    import pyarrow as pa
+
     names, units = [], []
     split = [split_name(field.name) for field in schema]
     short = [name for name, _ in split]
     for field, (name, unit) in zip(schema, split, strict=True):
         notes = {key.decode(errors="replace").casefold(): value for key, value in (field.metadata or {}).items()}
         given = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
-        names.append(name if short.count(name) == 1 else field.name)
+        if name.startswith(_INDEX):
+            name = "time" if pa.types.is_timestamp(field.type) and "time" not in short else ""
+        names.append(field.name if short.count(name) > 1 else name)
         units.append(given or unit)
     return Header(0, 0, tuple(names), tuple(units))
-
-
-def _wanted(header: Header, selection: Selection) -> list[int]:
-    index = [i for i, name in enumerate(header.names) if name.startswith(_INDEX)]
-    return sorted({*selection.wants(header), *index})
 
 
 def _is_numeric(kind: Any) -> bool:

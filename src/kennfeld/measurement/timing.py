@@ -19,18 +19,21 @@ def find_time(table: Table) -> Column | None:
 
     A column that never changes is no time, nor is one called just `t` that falls somewhere.
     """
-    usable = [column for column in table.columns if not column.is_text and _varies(column.values)]
-    for column in usable:
+    for column in table.columns:
         named = time_unit(column.name, column.unit) is not None
         sure = column.name.casefold() != "t" or plain_unit(column.unit) not in ("", "-")
-        if named and (sure or _rises(column.values)):
+        if named and _is_usable(column) and (sure or _rises(column.values)):
             return column
     first = next((name for name in table.names if name), None)
-    for column in usable[:1]:
+    for column in table.columns[:1]:
         clock = column.dated or in_seconds(column.unit) is not None
-        if column.name == first and clock and _rises(column.values):
+        if column.name == first and clock and _is_usable(column) and _rises(column.values):
             return column
     return None
+
+
+def _is_usable(column: Column) -> bool:
+    return not column.is_text and _varies(column.values)
 
 
 def _varies(values: Float) -> bool:

@@ -1,0 +1,9 @@
+"""Graphs compiled to machine code."""
+
+from kennfeld.native.accumulator import Accumulator, Normal
+from kennfeld.native.kernel import Kernel, Values
+from kennfeld.native.samples import Piece, Samples
+from kennfeld.native.simulator import Simulator
+from kennfeld.native.step import Loss, Output
+
+__all__ = ["Accumulator", "Kernel", "Loss", "Normal", "Output", "Piece", "Samples", "Simulator", "Values"]

@@ -12,7 +12,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import Keys, parse, parse_expression
 from kennfeld.models.formula.source import Source, split
-from kennfeld.models.formula.states import add, merged
+from kennfeld.models.formula.states import merged
 from kennfeld.models.formula.syntax import Declaration, Definition, Statement, Step, Token
 from kennfeld.models.model import Model
 
@@ -63,7 +63,7 @@ def _model(source: Source, name: str, origin: str, parameters: Collection[str] |
     loom = Loom()
     nodes = build(names, loom, {})
     visible = {n: at for n, at in nodes.items() if not names.definitions[n].auxiliary}
-    if not names.definitions:
+    if not names.definitions and not source.findings:
         source.report_all("the text defines no node", "Write name[unit] = expression.")
     source.raise_findings()
     graph = merged(loom.finish(visible, {}, tuple(names.outputs)))
@@ -112,16 +112,15 @@ def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
 
     >>> model = extend(formula("n = Speed(u)"), {"deviation": "abs(n_set - n)"}, "kennfeld.toml limit 1")
     >>> model.graph.inputs, model.graph.outputs
-    (('u', 'n_set'), ('deviation',))
+    (('u', 'n_set'), ('n', 'deviation'))
     """
     graph = model.graph
     axes = {**model.declared, **graph.parameters}
     around = Surroundings(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
-    loom = Loom()
-    number = add(loom, graph)
-    known = {name: number[at] for name, at in graph.names.items()}
-    made = _expressions(nodes, place, around, loom, known)
-    grown = loom.finish({**known, **made}, graph.units, (*graph.outputs, *nodes))
+    loom = Loom.of(graph)
+    assert isinstance(loom, Loom)
+    made = _expressions(nodes, place, around, loom, graph.names)
+    grown = loom.finish({**graph.names, **made}, graph.units, (*graph.outputs, *nodes))
     places = {**model.places, **dict.fromkeys(nodes, place)}
     return replace(model, graph=merged(grown), places=MappingProxyType(places))
 

@@ -1,8 +1,8 @@
 """What each name of a text is, and every complaint about it."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from types import MappingProxyType
+from typing import Literal, NamedTuple, TypeVar
 
 from kennfeld.errors import nearest
 from kennfeld.graph import CLOCK
@@ -31,8 +31,7 @@ _AXES: Mapping[str, tuple[int, ...]] = {"scalar": (0,), "curve": (1,), "map": (2
 _TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
 
 
-@dataclass(frozen=True)
-class Surroundings:
+class Surroundings(NamedTuple):
     """What a text may refer to besides what it defines itself.
 
     `parameters` None means that they are not known: what is called like a function is a table. `axes` are their
@@ -40,9 +39,9 @@ class Surroundings:
     `owner` says in complaints whose parameters they are.
     """
 
-    nodes: Mapping[str, int] = field(default_factory=dict)
+    nodes: Mapping[str, int] = MappingProxyType({})
     parameters: Collection[str] | None = None
-    axes: Mapping[str, int] = field(default_factory=dict)
+    axes: Mapping[str, int] = MappingProxyType({})
     inputs: Collection[str] = ()
     channels: Collection[str] | None = None
     owner: str = "this project"

@@ -83,9 +83,9 @@ def _report_loop(
 
 
 class _Needs(NamedTuple):
-    """What a function of the text needs at once: which of its arguments, and which other names."""
+    """What a function of the text needs at once: which of its arguments (None where not), and which other names."""
 
-    arguments: tuple[bool, ...]
+    arguments: tuple[_Use | None, ...]
     names: tuple[_Use, ...]
 
 
@@ -98,9 +98,9 @@ def _function_needs(names: Names) -> Mapping[str, _Needs]:
     for name in order:
         given = [argument.name for argument in names.functions[name].arguments]
         used = dict.fromkeys(_uses(bodies[name], names, needs, given))
-        now = {use.name for use in used}
+        now = {use.name: use for use in sorted(used, key=lambda use: not use.at_start)}
         others = tuple(use for use in used if use.name not in given)
-        needs[name] = _Needs(tuple(argument in now for argument in given), others)
+        needs[name] = _Needs(tuple(now.get(argument) for argument in given), others)
     return needs
 
 
@@ -127,6 +127,7 @@ def _uses(expr: Expr, names: Names, needs: Mapping[str, _Needs], arguments: Coll
         elif isinstance(at, Call) and not at.at.quoted and at.name in names.functions:
             needed = needs.get(at.name, _Needs((), ()))
             yield from (_Use(use.name, start or use.at_start) for use in needed.names)
-            stack.extend((arg, start) for arg, now in zip(at.args, needed.arguments, strict=False) if now)
+            given_now = zip(at.args, needed.arguments, strict=False)
+            stack.extend((arg, start or use.at_start) for arg, use in given_now if use)
         else:
             stack.extend((part, start) for part in children(at))

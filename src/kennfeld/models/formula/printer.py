@@ -30,13 +30,13 @@ def to_text(graph: Graph, step: float | None = None) -> str:
     a unit with `]`, and the operation `guard`, which occurs only in derivatives.
 
     >>> from kennfeld.models.formula import formula
-    >>> print(to_text(formula("y[Nm] = M(n, 2 * q) - K * prev(y, 0)\nscalar K").graph))
+    >>> print(to_text(formula("y[Nm] = M(n, 2 * q) - K * prev(n, 0)\nscalar K").graph), end="")
     input n
     input q
     map M
     scalar K
     output y
-    y[Nm] = M(n, 2 * q) - K * prev(y, 0)
+    y[Nm] = M(n, 2 * q) - K * prev(n, 0)
     """
     _check(graph)
     graph = merged(graph)
@@ -56,9 +56,19 @@ def _check(graph: Graph) -> None:
             )
         if not name or "\n" in name or "\r" in name:
             raise ArgumentError(f"the name {name!r} is empty or has a line break; formula text has no such names")
+    _check_tables(graph)
     for name, unit in graph.units.items():
         if any(sign in unit for sign in "]\n\r"):
             raise ArgumentError(f"the unit {unit!r} of {name} has a bracket or a line break")
+
+
+def _check_tables(graph: Graph) -> None:
+    axes = graph.parameters
+    for op, args, name in graph.nodes:
+        if op == "lookup" and len(args) != axes[name]:
+            raise ArgumentError(f"{name!r} is looked up with {len(args)} and with {axes[name]} coordinates")
+        if op == "lookup" and len(args) >= len(_TABLES):
+            raise ArgumentError(f"{name!r} has {len(args)} coordinates; tables have at most 4")
 
 
 def _declarations(graph: Graph) -> Iterator[str]:

@@ -1,0 +1,179 @@
+"""`calibrate` and `simulate` for those who write Python."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from kennfeld.arrays import ArrayLike
+from kennfeld.dataset import Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.graph import Graph
+from kennfeld.graph.lowering import rewrite
+from kennfeld.graph.node import Builder
+from kennfeld.models import Model
+from kennfeld.models.formula import formula
+from kennfeld.optimize.binding import bind
+from kennfeld.optimize.calibration import Options, Progress, run
+from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.problem import Problem, Smoothness
+from kennfeld.optimize.result import Result
+from kennfeld.optimize.scoring import simulated
+from kennfeld.parameters import Parameter, ParameterSet, Scalar
+
+__all__ = ["calibrate", "resolved", "simulate"]
+
+Data = Dataset | Mapping[str, ArrayLike]
+Start = ParameterSet | Mapping[str, float | Parameter]
+
+
+def calibrate(
+    model: Model | str,
+    data: Data | Sequence[Data],
+    start: Start,
+    target: str | float | None = None,
+    *,
+    node: str | None = None,
+    criteria: Sequence[Criterion] = (),
+    test: Data | Sequence[Data] = (),
+    free: Sequence[str] = ("*",),
+    smoothness: float | Smoothness = 0.0,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    pins: Sequence[Pin] = (),
+    channels: Mapping[str, str] | None = None,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Find the values with which the model reproduces the data.
+
+    Args:
+        model: a model, or formula text.
+        data: training data; several datasets, or columns by name (a dict, a DataFrame).
+        start: the current calibration, or numbers by name for models of scalars alone.
+        target: the channel that the model's output shall follow, or a number; or give `criteria` instead.
+        node: the output meant, where the model has several.
+        criteria: several targets, with weights and losses.
+        test: data that are scored, never fitted.
+        free: glob patterns of the parameters to fit; the others are kept.
+        smoothness: factor for all tables, or by parameter, or by parameter and axis.
+        limits: lower and upper bound of all values of a parameter, in its unit, by name.
+        pins: values that hold exactly at a coordinate.
+        channels: the channel of a model input, where the names differ.
+        options: iterations, tolerance, continuation.
+        progress: called after each accepted step; may raise `Stop`.
+
+    Returns:
+        The result; a fit that fails is a result too. Raises `InputError` for unusable input, every problem at once.
+
+    >>> data = {"x": [0.0, 1.0, 2.0, 3.0], "y": [1.0, 3.0, 5.0, 7.0]}
+    >>> result = calibrate("model = a + b * x", data, {"a": 0.0, "b": 0.0}, target="y")
+    >>> result.status, round(result.parameters["b"].value, 9)
+    ('converged', 2.0)
+    """
+    parameters = _bounded(_parameters(start), limits or {})
+    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
+    training, scored = _datasets(data, "training"), _datasets(test, "test")
+    if target is not None:
+        criteria = (Criterion(_output(ready, node), target), *criteria)
+    tables = dict.fromkeys(parameters, smoothness) if isinstance(smoothness, int | float) else smoothness
+    problem = Problem(
+        ready, (*training, *scored), parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}
+    )
+    _check(problem)
+    return run(problem, options or Options(), progress)
+
+
+def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
+    """The named nodes of the model over the data.
+
+    >>> simulate("y = 2 * x + k", {"x": [1.0, 2.0]}, {"k": 1.0})["y"].values
+    array([3., 5.])
+    """
+    values = _parameters(parameters)
+    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
+    dataset = data if isinstance(data, Dataset) else Dataset.of("data", data)
+    findings = missing(ready.graph, [dataset], values, channels or {})
+    if findings:
+        raise InputError(findings)
+    return simulated(ready.graph, bind(dataset, ready.graph, channels or {}), values)
+
+
+def resolved(model: Model, parameters: ParameterSet) -> Model:
+    """The model with the inputs that are scalar parameters of the set turned into lookups of them."""
+    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].index_axes}
+    if not names:
+        return model
+
+    def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
+        op, _, payload = model.graph.nodes[at]
+        if op == "input" and payload in names:
+            return b.lookup(payload)
+        return b.node(op, args, payload)
+
+    made = rewrite(model.graph, resolve)
+    return Model(made, model.name, model.step, model.declared, model.source, model.places)
+
+
+def _parameters(given: Start) -> ParameterSet:
+    if isinstance(given, ParameterSet):
+        return given
+    return ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
+
+
+def _bounded(parameters: ParameterSet, limits: Mapping[str, tuple[float, float]]) -> ParameterSet:
+    unknown = [name for name in limits if name not in parameters]
+    if unknown:
+        raise ArgumentError(f"limits: {unknown[0]} is no parameter. {nearest(unknown[0], parameters)}".strip())
+    return parameters.with_parameters(*(parameters[name].with_bounds(*pair) for name, pair in limits.items()))
+
+
+def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
+    from dataclasses import replace
+
+    several = isinstance(given, Sequence) and not isinstance(given, Mapping)
+    parts: Sequence[Data] = given if several else [given]  # type: ignore[assignment,list-item]
+    return [
+        replace(d, use=use) if isinstance(d, Dataset) else Dataset.of(f"{use}{i or ''}", d, use=use)
+        for i, d in enumerate(parts)
+    ]
+
+
+def _output(model: Model, node: str | None) -> str:
+    outputs = model.graph.outputs
+    if node is not None:
+        return node
+    if len(outputs) != 1:
+        raise ArgumentError(f"the model has the outputs {', '.join(outputs)}; say which one with node=")
+    return outputs[0]
+
+
+def _check(problem: Problem) -> None:
+    findings = missing(problem.model.graph, problem.datasets, problem.parameters, problem.channels)
+    for criterion in problem.criteria:
+        names = problem.model.graph.names
+        for name in [criterion.node, *([problem.target_node(criterion)] if problem.target_node(criterion) else [])]:
+            if name not in names:
+                channels = {c for data in problem.datasets for c in data}
+                mend = nearest(str(name), [*names, *channels])
+                findings.append(Finding("criterion", f"{name} is no node of the function and no channel", mend))
+    if findings:
+        raise InputError(findings)
+
+
+def missing(
+    graph: Graph, datasets: Sequence[Dataset], parameters: ParameterSet, channels: Mapping[str, str]
+) -> list[Finding]:
+    """Inputs without a channel, lookups without a parameter, and tables with another number of axes."""
+    findings = []
+    for name, count in graph.parameters.items():
+        if name not in parameters:
+            mend = nearest(name, parameters)
+            findings.append(Finding("function", f"{name} is no parameter of the set", mend))
+        elif len(parameters[name].index_axes) != count:
+            has = len(parameters[name].index_axes)
+            findings.append(Finding("function", f"{name} is given {count} coordinates, but has {has} axes"))
+    for dataset in datasets:
+        for name in graph.inputs:
+            channel = channels.get(name, name)
+            if channel not in dataset:
+                mend = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:12])}."
+                findings.append(Finding(f"dataset {dataset.name}", f"there is no channel {channel}", mend))
+    return findings

@@ -1,0 +1,172 @@
+"""Run a calibration problem from start to result."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.errors import Finding, InputError
+from kennfeld.optimize.continuation import descend_smoothed
+from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.quadratic import Limits
+from kennfeld.optimize.result import Result, Seconds, TraceLine
+from kennfeld.optimize.scoring import Scorer
+
+__all__ = ["Options", "Progress", "run"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`."""
+
+    max_iterations: int = 200
+    tolerance: float = 1e-8
+    continuation: Literal["auto", "off"] = "auto"
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of one descent."""
+        return Settings(self.max_iterations, self.tolerance)
+
+
+Progress = Callable[[TraceLine], None]
+
+
+def run(problem: Problem, options: Options, progress: Progress | None = None, seconds: Seconds | None = None) -> Result:
+    """Calibrate. `progress` hears of every accepted step and may raise `Stop`.
+
+    Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
+    """
+    return _Run(problem, options, progress, seconds or Seconds()).result()
+
+
+class _Run:
+    """The running state of a calibration."""
+
+    def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
+        _require(problem)
+        self.problem, self.options, self.progress = problem, options, progress
+        self.began = time.perf_counter()
+        self.exact = Compiled(problem)
+        self.objective = SumOfSquares(self.exact)
+        self.scorer = Scorer(problem)
+        self.read = seconds.read
+        self.compile = time.perf_counter() - self.began
+        self.trace: list[TraceLine] = []
+        self.scored = max(int(np.isfinite(self.exact.samples.targets).sum()), 1)
+
+    def result(self) -> Result:
+        given = self.objective.start
+        limits = limits_of(self.problem, self.exact)
+        start, remark = project(given, limits)
+        before = self.objective.cost(given)
+        infeasible = Descent(given, before, "infeasible", remark, 0, 1)
+        end = infeasible if start is None else self._descend(start, limits)
+        full = self.exact.start.copy()
+        full[: end.values.size] = end.values
+        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        trust = self._informed(end)
+        optimize = time.perf_counter() - self.began - self.compile
+        return Result(
+            status=end.status,
+            message=" ".join(
+                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
+            ),
+            parameters=parameters,
+            start=self.problem.parameters,
+            quality=self.scorer.quality(self.problem.parameters, parameters),
+            trace=tuple(self.trace),
+            iterations=end.iterations,
+            evaluations=end.evaluations,
+            cost_before=before,
+            cost_after=end.cost,
+            free_values=int(limits.movable.sum()),
+            fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
+            seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
+            trust=trust,
+        )
+
+    def _descend(self, start: Float, limits: Limits) -> Descent:
+        """The plain descent and, where there are creases to smooth, the continuation; the lower cost wins."""
+        settings = self.options.settings
+        plain = gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain"))
+        if self.options.continuation == "off" or plain.status in ("stopped", "failed"):
+            return plain
+        other = descend_smoothed(self.problem, self.exact, start, limits, settings, self._report)
+        if other is None:
+            return plain
+        iterations, evaluations = plain.iterations + other.iterations, plain.evaluations + other.evaluations
+        if other.status == "stopped":
+            best = replace(plain, status=other.status, message=other.message)
+        else:
+            best = min(plain, other, key=lambda end: end.cost if end.status != "failed" else np.inf)
+        return replace(best, iterations=iterations, evaluations=evaluations)
+
+    def _report(self, stage: str, line: Iteration, values: Float) -> None:
+        cost = line.cost - self.exact.roughness.cost(values)
+        entry = TraceLine(
+            iteration=line.iteration,
+            start=1,
+            stage=stage,
+            cost=line.cost,
+            rmse=float(np.sqrt(max(cost, 0.0) / self.scored)),
+            step=line.step,
+            damping=line.damping,
+            active=line.active,
+            seconds=time.perf_counter() - self.began,
+        )
+        self.trace.append(entry)
+        if self.progress is not None:
+            self.progress(entry)
+
+    def _informed(self, end: Descent) -> Mapping[str, Bool]:
+        """For each free parameter, the values that the cost depends on."""
+        if not np.isfinite(end.cost):
+            return {}
+        if self.objective.small:
+            _, jacobian = self.objective.rows(end.values)
+            seen = (jacobian != 0).any(axis=0)
+        else:
+            seen = np.diag(self.objective.normal(end.values)[1]) > 0
+        parameters, offsets = self.problem.parameters, self.exact.values.offsets
+        return {
+            name: np.asarray(seen[offsets[name] : offsets[name] + parameters[name].size]).reshape(
+                parameters[name].values.shape
+            )
+            for name in self.problem.free_names
+        }
+
+
+def _require(problem: Problem) -> None:
+    """Findings that leave nothing to fit."""
+    findings = []
+    if not problem.criteria:
+        findings.append(Finding("criteria", "there is none", "Name a node and its target."))
+    if not problem.free_names:
+        findings.append(
+            Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
+        )
+    if not any(bound.count for bound in problem.training):
+        findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
+    elif problem.criteria and not any(
+        np.isfinite(problem.target(c, bound)).any() for c in problem.criteria for bound in problem.training
+    ):
+        findings.append(Finding("criteria", "no sample of the training data has a target"))
+    if findings:
+        raise InputError(findings)
+
+
+def _unseen(trust: Mapping[str, Bool]) -> str:
+    """A sentence on values that nothing informs."""
+    counts = {name: int((~seen).sum()) for name, seen in trust.items() if not seen.all()}
+    if not counts:
+        return ""
+    listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
+    return f"No data and no smoothness inform {listed}; these values keep their start."

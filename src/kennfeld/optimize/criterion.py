@@ -1,0 +1,88 @@
+"""What the optimizer shall reach, and what it must keep."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from kennfeld.errors import ArgumentError
+from kennfeld.native import Loss
+
+__all__ = ["Criterion", "Limit", "Pin", "Target"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a node is compared with: a channel, another node, or a number.
+
+    A bare name, kind `name`, is a channel where the data have one of that name, else a node.
+    """
+
+    kind: Literal["name", "channel", "node", "number"]
+    name: str = ""
+    value: float = 0.0
+
+    @classmethod
+    def of(cls, given: "Target | str | float") -> "Target":
+        """The target that a name or a number stands for."""
+        if isinstance(given, Target):
+            return given
+        return cls("name", given) if isinstance(given, str) else cls("number", value=float(given))
+
+    def __str__(self) -> str:
+        return f"{self.value:g}" if self.kind == "number" else self.name
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A node that shall follow its target.
+
+    Its part of the cost is `weight` times the sum of losses of (node - target) / scale. `loss` is `square`, `huber` or
+    `soft_l1`, the latter two with their `delta` in units of the scale.
+
+    >>> Criterion("TorquePredict", "Torque").target
+    Target(kind='name', name='Torque', value=0.0)
+    """
+
+    node: str
+    target: Target
+    weight: float = 1.0
+    loss: Loss = "square"
+    delta: float = 1.0
+    scale: float = 1.0
+
+    def __init__(
+        self,
+        node: str,
+        target: Target | str | float,
+        weight: float = 1.0,
+        loss: Loss = "square",
+        delta: float = 1.0,
+        scale: float = 1.0,
+    ) -> None:
+        if not 0 <= weight < float("inf"):
+            raise ArgumentError(f"weight={weight} of the criterion on {node} must be a number from 0 on")
+        if loss not in ("square", "huber", "soft_l1"):
+            raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber or soft_l1")
+        for name, value in (("delta", delta), ("scale", scale)):
+            if not 0 < value < float("inf"):
+                raise ArgumentError(f"{name}={value} of the criterion on {node} must be a number above 0")
+        settings = {"weight": weight, "loss": loss, "delta": delta, "scale": scale}
+        for name, given in ({"node": node, "target": Target.of(target)} | settings).items():
+            object.__setattr__(self, name, given)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Bounds that a node shall keep at every scored sample: `lower <= node <= upper`."""
+
+    node: str
+    lower: float = float("-inf")
+    upper: float = float("inf")
+
+
+@dataclass(frozen=True)
+class Pin:
+    """An equality: the parameter's interpolated value at these coordinates is `value`."""
+
+    parameter: str
+    at: tuple[float, ...]
+    value: float

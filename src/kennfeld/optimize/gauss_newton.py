@@ -1,0 +1,262 @@
+"""Gauss-Newton with Levenberg-Marquardt damping, within limits.
+
+Every iteration solves a convex quadratic program in the damped Gauss-Newton model. The damping follows the ratio of
+actual to predicted gain (H. B. Nielsen, Damping parameter in Marquardt's method, 1999); it is measured in each value's
+own scale, the diagonal of the Gauss-Newton matrix with a floor, so values of any unit are treated alike.
+Small problems are factored by QR of the Jacobian, which keeps the digits that the normal equations square away.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
+
+from kennfeld.arrays import Float, Int
+from kennfeld.optimize.quadratic import Limits, Solution, solve
+
+__all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
+
+Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
+
+
+class Objective(Protocol):
+    """A sum of squares and what the solver needs of it. Gradients are halved: J'Wr."""
+
+    @property
+    def small(self) -> bool:
+        """Whether `rows` fits memory and its digits are worth a QR."""
+
+    def cost(self, values: Float) -> float:
+        """The cost; not finite where the model fails."""
+
+    def normal(self, values: Float) -> tuple[Float, Float]:
+        """Half the gradient, and the Gauss-Newton matrix. They hold until the next call."""
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Weighted residuals and their Jacobian."""
+
+    def floor(self, diagonal: Float) -> Float:
+        """The least scale of each value, given the diagonal of the Gauss-Newton matrix."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When to stop, and where the damping starts."""
+
+    max_iterations: int = 200
+    tolerance: float = 1e-8
+    damping: float = 1e-3
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One line of the trace."""
+
+    iteration: int
+    cost: float
+    step: float  # relative to the values' own scale
+    damping: float
+    active: int
+
+
+class Stop(Exception):  # noqa: N818
+    """Raised by a callback to end the descent at the best values so far."""
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a descent ended, and why."""
+
+    values: Float
+    cost: float
+    status: Status
+    message: str
+    iterations: int
+    evaluations: int
+
+
+PATIENCE = 5  # steps in a row whose gain is below the tolerance
+MOST_DAMPING = 1e14
+
+
+class _Linearised:
+    """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales."""
+
+    def __init__(self, objective: Objective, at: Float, movable: Int) -> None:
+        self.movable = movable
+        if objective.small:
+            residual, jacobian = objective.rows(at)
+            jacobian = jacobian[:, movable]
+            self.root, self.rotated = _triangle(jacobian, residual)
+            self.matrix: Float | None = None
+            self.gradient = jacobian.T @ residual
+            diagonal = np.einsum("ij,ij->j", jacobian, jacobian)
+        else:
+            gradient, matrix = objective.normal(at)
+            everything = movable.size == at.size
+            self.gradient = gradient if everything else gradient[movable]
+            self.matrix = matrix if everything else matrix[np.ix_(movable, movable)]
+            diagonal = np.diag(self.matrix)
+        full = np.zeros(at.size)
+        full[movable] = diagonal
+        self.scale = np.maximum(diagonal, objective.floor(full)[movable])
+        self.scale[self.scale <= 0] = 1.0
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
+
+    def factor(self, damping: float) -> tuple[Float, Float] | None:
+        """Lower factor of the damped matrix and the step without limits; None where it is not positive definite."""
+        if self.matrix is not None:
+            damped = self.matrix.copy(order="F")
+            damped[np.diag_indices_from(damped)] += damping * self.scale
+            factor, failed = dpotrf(damped, lower=1, overwrite_a=1)
+            if failed:
+                return None
+            step, _ = dpotrs(factor, -self.gradient, lower=1)
+            return factor, step
+        stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
+        upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
+        diagonal = np.abs(np.diag(upper))
+        if diagonal.min(initial=1.0) <= 0:
+            return None
+        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
+        lower = np.asfortranarray((sign[:, None] * upper).T)
+        return lower, np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
+
+    def gain(self, step: Float) -> float:
+        """Predicted decrease of the cost."""
+        bend = np.sum((self.root @ step) ** 2) if self.matrix is None else step @ (self.matrix @ step)
+        return float(-2 * (self.gradient @ step) - bend)
+
+    def length(self, step: Float) -> float:
+        """Length of a step in the values' own scales."""
+        return float(np.sqrt(np.sum(self.scale * step * step)))
+
+
+def _triangle(jacobian: Float, residual: Float) -> tuple[Float, Float]:
+    """R and Q'r of a QR factorisation; rows of zeros are added where there are fewer than columns."""
+    missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
+    if missing:
+        jacobian = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])
+        residual = np.concatenate([residual, np.zeros(missing)])
+    q, r = np.linalg.qr(jacobian)
+    return r, q.T @ residual
+
+
+def gauss_newton(
+    objective: Objective,
+    start: Float,
+    limits: Limits,
+    settings: Settings,
+    report: Callable[[Iteration, Float], None] = lambda line, values: None,
+) -> Descent:
+    """Descend from `start`, which keeps the limits, until the cost settles.
+
+    `report` is called after each accepted step with the values; it may raise `Stop`. What ends the descent is a value
+    of the result, never an exception.
+    """
+    return _Descending(objective, start, limits, settings, report).run()
+
+
+class _Descending:
+    """The running state of a descent."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        start: Float,
+        limits: Limits,
+        settings: Settings,
+        report: Callable[[Iteration, Float], None],
+    ) -> None:
+        self.objective, self.limits, self.settings, self.report = objective, limits, settings, report
+        self.at = start
+        self.cost = objective.cost(start)
+        self.evaluations = 1
+        self.iterations = 0
+        self.damping = settings.damping
+        self.growth = 2.0
+        self.calm = 0
+        self.active: Int | None = None
+
+    def run(self) -> Descent:
+        movable = np.flatnonzero(self.limits.movable)
+        if not np.isfinite(self.cost):
+            return self._end("failed", "The cost is not a finite number at the start.")
+        if not movable.size:
+            return self._end("converged", "No value is free to move.")
+        try:
+            return self._iterate(movable)
+        except (Stop, KeyboardInterrupt):
+            return self._end("stopped", "Stopped on request; these are the best values so far.")
+
+    def _iterate(self, movable: Int) -> Descent:
+        narrow = Limits(
+            self.limits.lower[movable], self.limits.upper[movable], self.limits.matrix[:, movable], self._rest(movable)
+        )
+        while self.iterations < self.settings.max_iterations:
+            line = _Linearised(self.objective, self.at, movable)
+            if not line.finite:
+                return self._end("failed", "A derivative of the model is not a finite number at the best values.")
+            end = self._descend(line, narrow)
+            if end is not None:
+                return end
+        return self._end(
+            "max_iterations", "The cost was still falling when the iterations ran out; raise max_iterations."
+        )
+
+    def _rest(self, movable: Int) -> Float:
+        held = np.ones(self.at.size, dtype=bool)
+        held[movable] = False
+        rest: Float = self.limits.target - self.limits.matrix[:, held] @ self.at[held]
+        return rest
+
+    def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
+        """Raise the damping until a step lowers the cost; None to go on from there."""
+        while self.damping < MOST_DAMPING:
+            found = line.factor(self.damping)
+            if found is None:
+                self._harder()
+                continue
+            here = self.at[line.movable]
+            solution = solve(*found, here, limits, self.active)
+            there = limits.clip(here + solution.step)
+            gain = line.gain(there - here)
+            trial = self.at.copy()
+            trial[line.movable] = there
+            if gain <= self.settings.tolerance**2 * self.cost or np.array_equal(trial, self.at):
+                return self._end("converged", "The gradient is zero within the tolerance.")
+            cost = self.objective.cost(trial)
+            self.evaluations += 1
+            if np.isfinite(cost) and cost < self.cost:
+                self._accept(line, solution, trial, cost, (self.cost - cost) / gain)
+                return self._settled()
+            self._harder()
+        return self._end("converged", "No step lowers the cost any further.")
+
+    def _harder(self) -> None:
+        self.damping *= self.growth
+        self.growth *= 2.0
+
+    def _accept(self, line: _Linearised, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
+        relative = (self.cost - cost) / self.cost if self.cost else 0.0
+        self.calm = self.calm + 1 if relative < self.settings.tolerance else 0
+        size = line.length(trial[line.movable] - self.at[line.movable]) / max(np.sqrt(cost), 1e-300)
+        self.at, self.cost, self.active = trial, cost, solution.active
+        self.iterations += 1
+        used = self.damping
+        self.damping = max(self.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), 1e-15)
+        self.growth = 2.0
+        self.report(Iteration(self.iterations, cost, size, used, int(np.count_nonzero(solution.active))), self.at)
+
+    def _settled(self) -> Descent | None:
+        if self.calm >= PATIENCE:
+            return self._end("converged", "The cost no longer falls.")
+        return None
+
+    def _end(self, status: Status, message: str) -> Descent:
+        return Descent(self.at, self.cost, status, message, self.iterations, self.evaluations)

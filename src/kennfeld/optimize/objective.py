@@ -1,0 +1,99 @@
+"""The cost of a compiled problem as the solver sees it: a function of the free values alone."""
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.errors import InputError
+from kennfeld.graph.interpolation import cell_weights, position, table_weights
+from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.quadratic import Limits, pins
+
+__all__ = ["SumOfSquares", "limits_of"]
+
+SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000
+FLOOR = 1e-6  # of the mean curvature in the same table
+
+
+class SumOfSquares:
+    """Data cost plus roughness; see `gauss_newton.Objective`."""
+
+    def __init__(self, compiled: Compiled) -> None:
+        self._compiled = compiled
+        self._full = compiled.start.copy()
+        self._free = compiled.values.free
+        entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
+        self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+
+    @property
+    def small(self) -> bool:
+        """Whether to factor the Jacobian itself."""
+        return self._small
+
+    @property
+    def start(self) -> Float:
+        """The free values as given."""
+        return self._compiled.start[: self._free].copy()
+
+    def _values(self, free: Float) -> Float:
+        self._full[: self._free] = free
+        return self._full
+
+    def cost(self, values: Float) -> float:
+        """Sum of losses plus roughness."""
+        return self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
+
+    def normal(self, values: Float) -> tuple[Float, Float]:
+        """Half the gradient and the Gauss-Newton matrix."""
+        found = self._compiled.accumulator.normal(self._values(values))
+        self._compiled.roughness.add(values, found.gradient, found.matrix)
+        return found.gradient, found.matrix
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Residuals and Jacobian, those of the roughness below."""
+        residual, jacobian = self._compiled.accumulator.rows(self._values(values))
+        rough, rows = self._compiled.roughness.rows(values)
+        return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
+
+    def floor(self, diagonal: Float) -> Float:
+        """A share of the mean curvature in the same table, so that values hardly touched by data do not run away."""
+        floor = np.zeros(self._free)
+        for name, at in self._compiled.values.offsets.items():
+            if at < self._free:
+                size = self._compiled.problem.parameters[name].size
+                floor[at : at + size] = FLOOR * diagonal[at : at + size].mean() if size > 1 else 0.0
+        return floor
+
+
+def limits_of(problem: Problem, compiled: Compiled) -> Limits:
+    """Bounds, locks and pins of the free values. Raises `InputError` where a pin cannot be met."""
+    free = compiled.values.free
+    lower, upper = np.full(free, -np.inf), np.full(free, np.inf)
+    for name in problem.free_names:
+        parameter, at = problem.parameters[name], compiled.values.offsets[name]
+        part = slice(at, at + parameter.size)
+        held = parameter.locked.ravel()
+        lower[part] = np.where(held, parameter.values.ravel(), parameter.lower.ravel())
+        upper[part] = np.where(held, parameter.values.ravel(), parameter.upper.ravel())
+    rows = []
+    for pin in problem.pins:
+        if pin.parameter not in problem.free_names:
+            raise InputError.of(f"pin of {pin.parameter}", "the parameter is not free", "Free it, or drop the pin.")
+        columns, weights = _grid_points(problem, pin.parameter, pin.at)
+        rows.append((columns + compiled.values.offsets[pin.parameter], weights, pin.value))
+    matrix, target = pins(free, rows)
+    return Limits(lower, upper, matrix, target)
+
+
+def _grid_points(problem: Problem, name: str, at: tuple[float, ...]) -> tuple[Int, Float]:
+    """Flat grid points around a coordinate and their weights."""
+    parameter = problem.parameters[name]
+    axes = parameter.index_axes
+    if len(at) != len(axes):
+        raise InputError.of(f"pin of {name}", f"{list(at)} has {len(at)} coordinates for {len(axes)} axes")
+    sides = [
+        cell_weights(position(np.array([x]), axis.breakpoints, parameter.extrapolation), len(axis))[0]
+        for x, axis in zip(at, axes, strict=True)
+    ]
+    weights = table_weights(sides, parameter.values.shape)[0]
+    columns = np.flatnonzero(weights)
+    return columns, weights[columns]

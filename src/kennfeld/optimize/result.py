@@ -1,0 +1,145 @@
+"""What a calibration gives back."""
+
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Bool
+from kennfeld.optimize.gauss_newton import Status
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Quality", "Result", "Seconds", "TraceLine"]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well one criterion is met on one dataset, in the unit of its target, before and after."""
+
+    criterion: str
+    dataset: str
+    use: str
+    samples: int
+    rmse_before: float
+    rmse_after: float
+    r2_after: float
+    max_abs_after: float
+
+
+@dataclass(frozen=True)
+class TraceLine:
+    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation."""
+
+    iteration: int
+    start: int
+    stage: str
+    cost: float
+    rmse: float
+    step: float
+    damping: float
+    active: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Seconds:
+    """Where the time went."""
+
+    total: float = 0.0
+    read: float = 0.0
+    compile: float = 0.0
+    optimize: float = 0.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
+
+    `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
+    """
+
+    status: Status
+    message: str
+    parameters: ParameterSet
+    start: ParameterSet
+    quality: tuple[Quality, ...]
+    trace: tuple[TraceLine, ...]
+    iterations: int
+    evaluations: int
+    cost_before: float
+    cost_after: float
+    free_values: int
+    fixed_values: int
+    seconds: Seconds = field(default_factory=Seconds)
+    trust: Mapping[str, Bool] = field(default_factory=dict)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit ended where no step lowers the cost."""
+        return self.status == "converged"
+
+    def as_json(self) -> dict[str, Any]:
+        """The contents of `result.json`; numbers that are not finite are None."""
+        return {
+            "status": self.status,
+            "message": self.message,
+            "iterations": self.iterations,
+            "evaluations": self.evaluations,
+            "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
+            "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
+            "values": {"free": self.free_values, "fixed": self.fixed_values},
+            "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
+        }
+
+    def table(self) -> list[tuple[str, ...]]:
+        """The quality as rows of text, the heading first."""
+        head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
+        rows = [
+            (
+                *(q.criterion, q.dataset, q.use, str(q.samples)),
+                *(f"{x:.4g}" for x in (q.rmse_before, q.rmse_after)),
+                *(f"{q.r2_after:.4f}", f"{q.max_abs_after:.4g}"),
+            )
+            for q in self.quality
+        ]
+        return [head, *rows]
+
+    def __str__(self) -> str:
+        table = self.table()
+        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
+        return "\n".join([f"{self.status}: {self.message}", *lines])
+
+    def _repr_html_(self) -> str:
+        head, *rows = ([html.escape(cell) for cell in row] for row in self.table())
+        body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+        return (
+            f"<p><b>{self.status}</b>: {html.escape(self.message)}</p>"
+            f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{body}</table>"
+        )
+
+    def plot(self) -> Any:
+        """The cost over the iterations, a line a stage, as a matplotlib figure.
+
+        Needs matplotlib, which Kennfeld does not install: `pip install matplotlib`.
+        """
+        from matplotlib.figure import Figure
+
+        figure = Figure()
+        axes = figure.subplots()
+        for stage in dict.fromkeys(line.stage for line in self.trace):
+            lines = [(i, line.cost) for i, line in enumerate(self.trace) if line.stage == stage]
+            axes.semilogy(*zip(*lines, strict=True), label=stage)
+        axes.set(xlabel="iteration", ylabel="cost")
+        axes.legend()
+        return figure
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _plain(value: Any) -> Any:
+    return _number(value) if isinstance(value, float) else value

@@ -1,0 +1,121 @@
+import numpy as np
+from hypothesis import given, settings
+from noise import assert_close, spread, steady
+from random_graphs import cases
+
+from kennfeld.graph import Builder
+from kennfeld.graph.interpreter import Interpreter
+from kennfeld.graph.lowering import lower
+from kennfeld.graph.split import split
+from kennfeld.parameters import Curve, ParameterSet, Scalar
+
+
+def lowered(names, b, *parameters):
+    return lower(b.finish(names), ParameterSet(parameters)).graph
+
+
+def fed(graph):
+    return {node.payload for node in graph.nodes if node.op == "input" and node.payload.startswith("#")}
+
+
+@settings(deadline=None, max_examples=60)
+@given(cases())
+def test_the_parts_give_what_the_whole_gives(case):
+    low = lower(case.graph, case.parameters)
+    outputs = tuple(case.graph.names)
+    parts = split(low.graph, outputs, case.free)
+
+    def whole(interpreter):
+        run = interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts)
+        return np.array([run[low.graph.names[name]] for name in outputs])
+
+    def joined(interpreter):
+        run = interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts)
+        columns = {**case.columns, **{name: np.asarray(run[at]) for name, at in parts.columns.items()}}
+        again = interpreter.run(parts.graph.nodes, parts.graph.states, columns, case.starts)
+        return np.array([again[parts.graph.names[name]] for name in outputs])
+
+    plain = Interpreter(low, case.parameters)
+    exact, change = whole(plain), spread(plain, whole)
+    assert_close(joined(plain), exact, change, steady(exact, change))
+
+
+@settings(deadline=None, max_examples=60)
+@given(cases())
+def test_columns_are_exactly_what_the_reduced_graph_reads(case):
+    low = lower(case.graph, case.parameters)
+    parts = split(low.graph, ["y0"], case.free)
+    assert fed(parts.graph) == set(parts.columns)
+
+
+def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
+    b = Builder()
+    slow = b.call("exp", b.input("x"))
+    graph = lowered({"y": b.lookup("K"), "z": b.call("mul", slow, b.lookup("K"))}, b, Scalar("K", 1.0))
+    assert split(graph, ["y"], ["K"]).columns == {}
+
+
+@settings(deadline=None, max_examples=40)
+@given(cases())
+def test_no_column_depends_on_a_free_parameter(case):
+    low = lower(case.graph, case.parameters)
+    parts = split(low.graph, tuple(case.graph.names), case.free)
+
+    def held(c):
+        run = Interpreter(low, c.parameters).run(low.graph.nodes, low.graph.states, c.columns, c.starts)
+        return [run[at] for at in parts.columns.values()]
+
+    for before, after in zip(held(case), held(case.with_other_values()), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_a_search_of_the_data_becomes_a_column():
+    b = Builder()
+    graph = lowered({"y": b.lookup("C", b.input("x"))}, b, Curve("C", [0.0, 1.0], [2.0, 3.0]))
+    parts = split(graph, ["y"], ["C"])
+    assert [graph.nodes[at].op for at in parts.columns.values()] == ["position"]
+    assert [node.op for node in parts.graph.nodes] == ["input", "interpolate"]
+
+
+def test_what_is_cheap_is_computed_again():
+    b = Builder()
+    cheap = b.call("sub", b.input("x"), b.input("z"))
+    graph = lowered({"y": b.call("mul", cheap, b.lookup("K"))}, b, Scalar("K", 1.0))
+    assert split(graph, ["y"], ["K"]).columns == {}
+
+
+def test_a_state_of_data_alone_becomes_a_column():
+    b = Builder()
+    late = b.prev(b.input("x"), b.const(0.0))
+    graph = lowered({"y": b.call("mul", late, b.lookup("K"))}, b, Scalar("K", 1.0))
+    parts = split(graph, ["y"], ["K"])
+    assert parts.graph.states == ()
+    assert [graph.nodes[at].op for at in parts.columns.values()] == ["state"]
+
+
+def test_a_fixed_parameter_counts_as_data():
+    b = Builder()
+    graph = lowered(
+        {"y": b.call("add", b.lookup("C", b.input("x")), b.lookup("K"))}, b, Scalar("K", 1.0), Curve("C", [0, 1], [2, 3])
+    )
+    parts = split(graph, ["y"], ["K"])
+    assert [graph.nodes[at].op for at in parts.columns.values()] == ["interpolate"]
+
+
+def test_the_first_value_and_the_feedback_of_a_live_state_are_cut_too():
+    b = Builder()
+    first, drive = b.call("exp", b.input("x")), b.call("sin", b.input("x"))
+    state = b.state()
+    b.close(state, first, b.call("add", b.call("mul", state, b.lookup("K")), drive))
+    graph = lowered({"y": state}, b, Scalar("K", 0.5))
+    parts = split(graph, ["y"], ["K"])
+    assert sorted(graph.nodes[at].op for at in parts.columns.values()) == ["exp", "sin"]
+    assert len(parts.graph.states) == 1
+
+
+def test_an_output_of_data_alone_is_one_column():
+    b = Builder()
+    graph = lowered({"y": b.call("exp", b.call("sin", b.input("x"))), "z": b.lookup("K")}, b, Scalar("K", 1.0))
+    parts = split(graph, ["y", "z"], ["K"])
+    assert [graph.nodes[at].op for at in parts.columns.values()] == ["exp"]
+    assert parts.graph.outputs == ("y", "z")

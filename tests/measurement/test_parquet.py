@@ -1,0 +1,82 @@
+"""Parquet: units from the field, kinds of numbers, the index of pandas, damage."""
+
+import contextlib
+import datetime
+import random
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import read
+
+
+@pytest.fixture
+def parquet(tmp_path):
+    def write(table):
+        pq.write_table(table, tmp_path / "bench.parquet")
+        return tmp_path / "bench.parquet"
+
+    return write
+
+
+def test_numbers_of_all_kinds_and_units_are_read(parquet):
+    schema = pa.schema(
+        [
+            pa.field("time", pa.float64()),
+            pa.field("Speed", pa.int16(), metadata={"unit": "rpm"}),
+            pa.field("Torque [Nm]", pa.float32()),
+            pa.field("on", pa.bool_()),
+            pa.field("note", pa.string()),
+        ]
+    )
+    rows = [[0.0, 1.0], [1000, None], [80.5, 90.5], [True, False], ["a", "b"]]
+    data = read(parquet(pa.table(rows, schema=schema)))
+    assert list(data) == ["Speed", "Torque", "on"]
+    assert [c.unit for c in data.values()] == ["rpm", "Nm", ""]
+    np.testing.assert_array_equal(data["Speed"].values, [1000, np.nan])
+    assert data["on"].values.tolist() == [1, 0]
+    assert data.time.tolist() == [0, 1]
+
+
+def test_dates_are_seconds_since_the_first(parquet):
+    start = datetime.datetime(2024, 1, 1)
+    stamps = [start + datetime.timedelta(milliseconds=10 * k) for k in range(3)]
+    data = read(parquet(pa.table({"timestamp": pa.array(stamps, pa.timestamp("ns")), "a": [1.0, 2.0, 3.0]})))
+    assert data.time.tolist() == [0, 0.01, 0.02]
+
+
+def test_the_index_of_pandas_is_no_channel(parquet):
+    assert list(read(parquet(pa.table({"a": [1.5, 2.5], "__index_level_0__": [7, 9]})))) == ["a"]
+
+
+def test_text_asked_for_and_missing_channels_are_findings(parquet):
+    path = parquet(pa.table({"Speed": [1.0], "note": ["x"]}))
+    with pytest.raises(InputError) as caught:
+        read(path, ["note", "Sped"])
+    assert "the column holds text" in str(caught.value)
+    assert "Did you mean Speed?" in str(caught.value)
+
+
+def test_values_without_end_are_placed_by_row(parquet):
+    with pytest.raises(InputError, match=r"bench.parquet row 2, column a: inf is not finite"):
+        read(parquet(pa.table({"a": [1.0, np.inf]})))
+
+
+def test_a_file_without_rows_is_a_finding(parquet):
+    with pytest.raises(InputError, match="holds no rows"):
+        read(parquet(pa.table({"a": pa.array([], pa.float64())})))
+
+
+def test_a_damaged_file_gives_findings_and_nothing_else(parquet):
+    path = parquet(pa.table({"time": np.arange(100.0), "a": np.arange(100.0) ** 2}))
+    content, generator = path.read_bytes(), random.Random(11)
+    for _ in range(200):
+        mutant = bytearray(content)
+        for _ in range(generator.randint(1, 4)):
+            mutant[generator.randrange(4, len(mutant))] = generator.randrange(256)
+        path.write_bytes(mutant[: generator.randrange(len(mutant))] if generator.random() < 0.3 else mutant)
+        with contextlib.suppress(InputError):
+            read(path)

@@ -1,0 +1,301 @@
+"""Text files: dialects found without being told, gaps, findings with their line, and random tables."""
+
+import contextlib
+import gzip
+import random
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import read, text
+
+NAN = np.nan
+
+
+def findings(path, *args, **options):
+    with pytest.raises(InputError) as caught:
+        read(path, *args, **options)
+    return [str(finding) for finding in caught.value.findings]
+
+
+@pytest.mark.parametrize("separator", [";", ",", "\t", "|", " ", "   "])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_separator_and_line_ends_are_found(csv, separator, end):
+    rows = [["Speed", "Torque"], ["1000", "80.5"], ["2000", "95.25"]]
+    data = read(csv(end.join(separator.join(row) for row in rows) + end))
+    assert list(data) == ["Speed", "Torque"]
+    assert data["Torque"].values.tolist() == [80.5, 95.25]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_encoding_is_found(csv, encoding):
+    data = read(csv("Öltemperatur [°C];n\n90,5;1000\n91,5;2000\n", encoding=encoding))
+    assert data["Öltemperatur"].unit == "°C"
+    assert data["Öltemperatur"].values.tolist() == [90.5, 91.5]
+
+
+def test_decimal_comma_that_shows_only_far_down_is_found(csv):
+    path = csv("a;b\n" + "1;2\n" * 300 + "0,5;2,25\n")
+    assert read(path)["b"].values[-1] == 2.25
+
+
+def test_a_single_column_with_decimal_comma_is_no_pair(csv):
+    assert read(csv("Torque\n1,5\n2,5\n"))["Torque"].values.tolist() == [1.5, 2.5]
+
+
+def test_units_come_from_a_row_below_the_names(csv):
+    data = read(csv("Speed,Torque,lam,T\nrpm,[Nm],-,°C\n1000,80,1,20\n"))
+    assert [channel.unit for channel in data.values()] == ["rpm", "Nm", "-", "°C"]
+
+
+def test_a_unit_row_may_hold_ones(csv):
+    data = read(csv("Speed;eta\nrpm;1\n1000;0.5\n2000;0.6\n"))
+    assert data["eta"].unit == "1"
+    assert data.samples == 2
+
+
+def test_units_come_from_the_names(csv):
+    data = read(csv("Speed [rpm],Torque (Nm),p (intake),rad[3]\n1,2,3,4\n"))
+    assert {c.name: c.unit for c in data.values()} == {"Speed": "rpm", "Torque": "Nm", "p (intake)": "", "rad[3]": ""}
+
+
+def test_full_heads_keep_columns_apart_that_differ_in_the_unit(csv):
+    assert list(read(csv("p [bar],p [kPa]\n1,100\n"))) == ["p [bar]", "p [kPa]"]
+
+
+def test_preamble_settings_and_comments_are_passed_over(csv):
+    data = read(csv('"A test bench"\nRate;0.1\nDriver;Ada\n# by hand\n\nSpeed;Torque;n\n1;2;3\n# pause\n\n4;5;6\n'))
+    assert data["Torque"].values.tolist() == [2, 5]
+
+
+def test_names_in_a_comment_are_taken_where_there_are_no_others(csv):
+    assert list(read(csv("# x y\n1.0 2.0\n3.0 4.0\n"))) == ["x", "y"]
+
+
+def test_a_quoted_name_may_hold_the_separator_and_a_line_end(csv):
+    data = read(csv('"Speed, mean","Torque\n[Nm]"\n1,2\n'))
+    assert list(data) == ["Speed, mean", "Torque"]
+    assert data["Torque"].unit == "Nm"
+
+
+def test_trailing_separators_and_empty_rows_are_passed_over(csv):
+    data = read(csv("a;b;\n1;2;\n;;\n3;4;\n\n"))
+    assert data["b"].values.tolist() == [2, 4]
+
+
+def test_gaps_become_nan_and_switches_numbers(csv):
+    cells = ["", "NaN", "nan", "NA", "#N/A", "-", "on", "OFF", "true", "False", "1"]
+    data = read(csv("k,x\n" + "".join(f"{i},{cell}\n" for i, cell in enumerate(cells))))
+    np.testing.assert_array_equal(data["x"].values, [NAN] * 6 + [1, 0, 1, 0, 1])
+
+
+def test_text_columns_are_left_out_and_reported_when_asked_for(csv):
+    path = csv("Date,Speed,Note\n2024-01-01,1,ok\n2024-01-02,2,\n2024-01-03,3,late\n")
+    assert list(read(path)) == ["Speed"]
+    assert findings(path, ["Speed", "Note"]) == [
+        "bench.csv line 2, column Note: the column holds text, such as 'ok'. "
+        "Choose another channel, or replace the text by numbers."
+    ]
+
+
+def test_only_the_channels_asked_for_are_read_and_time(csv):
+    data = read(csv("time,a,b\n0,1,x\n1,2,3\n2,5,4\n"), ["a"])
+    assert list(data) == ["a"]
+    assert data.time.tolist() == [0, 1, 2]
+
+
+def test_a_channel_that_is_missing_names_the_nearest(csv):
+    assert findings(csv("Speed,Load\n1,2\n"), ["Sped", "xyz"]) == [
+        "bench.csv: has no channel Sped. Did you mean Speed?",
+        "bench.csv: has no channel xyz. It has Speed, Load.",
+    ]
+
+
+def test_every_problem_of_a_file_is_reported_at_once(csv):
+    body = "Speed,Torque\n1,2\n3,abc\n4\n5,6,7\n8,inf\n9,10\n"
+    assert findings(csv(body)) == [
+        "bench.csv line 4: the row has 1 cell, the header names 2. Give the row as many cells as the header.",
+        "bench.csv line 5: the row has 3 cells, the header names 2. Give the row as many cells as the header.",
+        "bench.csv line 3, column Torque: 'abc' is no number. "
+        "Correct it, or leave the cell empty where there is no value.",
+        "bench.csv line 6, column Torque: inf is not finite. Leave the cell empty where there is no value.",
+    ]
+
+
+def test_a_second_unit_row_is_one_finding(csv):
+    found = findings(csv("Speed,Torque\nrpm,Nm\n1,2\n3,4\n5,6\nrpm,Nm\n7,8\n"))
+    assert len(found) == 1
+    assert found[0].startswith("bench.csv line 6, columns Speed, Torque: 'rpm', 'Nm' are no numbers")
+
+
+def test_a_file_cut_in_half_is_called_cut_off(csv):
+    (found,) = findings(csv("a,b,c\n1,2,3\n4,5,6\n7,8"))
+    assert found.startswith("bench.csv line 4: the row has 2 cells, the header names 3. The file seems to be cut off")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "the file is empty (0 bytes)"),
+        ("\n\n", "the file is empty"),
+        ("Speed,Torque\n", "there are names but no row of numbers below them"),
+        ("Speed,Torque\nrpm,Nm\n", "there are names but no row of numbers below them"),
+        ("1,2\n3,4\n", "the numbers have no header with channel names"),
+        ("a,b,a\n1,2,3\n", "2 columns are called a"),
+        ("a;b\n1.234,5;1,5\n2,5;3,5\n3,5;4,5\n", "thousands separator"),
+        ("a,b\n1,2\n3,1_000\n4,5\n", "'1_000' is no number"),
+        ("a,b\n1,2\n3,1e999\n4,5\n", "not finite"),
+    ],
+)
+def test_a_file_without_a_table_says_why(csv, content, message):
+    assert message in "\n".join(findings(csv(content)))
+
+
+def test_many_findings_are_counted(csv):
+    found = findings(csv("a,b\n" + "1,2\n" * 100 + "1,x\n" * 90))
+    assert len(found) == 21
+    assert found[-1].startswith("bench.csv: 70 more rows")
+
+
+def test_a_packed_file_is_read_and_named_without_its_endings(csv):
+    data = read(csv(gzip.compress(b"a,b\n1,2\n"), "run.csv.gz"))
+    assert data.name == "run"
+
+
+def test_a_packed_file_cut_off_is_reported(csv):
+    whole = gzip.compress(b"a,b\n" + bytes(random.Random(1).randbytes(20000).hex(), "ascii"))
+    assert "cut off" in findings(csv(whole[:9000], "run.csv.gz"))[0]
+
+
+def test_small_files_need_neither_pandas_nor_pyarrow(csv):
+    path = csv("time,a\n0,1\n1,2\n")
+    code = f"import sys; from kennfeld.measurement import read; read({str(path)!r}, raster=0.5); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert {"pandas", "pyarrow", "scipy", "python_calamine"}.isdisjoint(loaded)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "time,a,b\n" + "".join(f"{i},{i * 0.1!r},on\n" for i in range(400)),
+        "time;a;b\n" + "".join(f"{i};{i},5;\n" for i in range(400)) + "\n\n",
+        "time a b\n" + "".join(f"{i}  {i}.25 NaN\n" for i in range(400)),
+        '"n, mean", a, note\n' + "".join(f"{i}, , x\n" for i in range(400)),
+        "a,b\n" + "1,2\n" * 300 + "3\n",
+        "a,b\n" + "1,2\n" * 300 + "1,2,3\n",
+        "a,b\n" + "1,2\n" * 300 + "rpm,Nm\n" + "1,2\n",
+        "a,b\n" + "1,2\n" * 300 + ",\n" + "1,2\n",
+        "a,b\n" + "1,2\n" * 300 + "# pause\n1,1_0\n",
+        "a;b\n" + "1;2\n" * 300 + "1,5;2\n",
+        "a,b\n" + "1,2\n" * 300 + "inf,2\n",
+    ],
+)
+def test_the_bulk_reader_agrees_with_the_exact_one(csv, monkeypatch, body):
+    path = csv(body)
+
+    def outcome():
+        try:
+            data = read(path)
+        except InputError as error:
+            return str(error)
+        return {name: channel.values.tolist() for name, channel in data.items()}, str(data.time)
+
+    exact = outcome()
+    monkeypatch.setattr(text, "BULK", 0)
+    assert repr(outcome()) == repr(exact)
+
+
+NUMBERS = st.one_of(st.just(NAN), st.floats(allow_nan=False, allow_infinity=False), st.integers(-(10**6), 10**6))
+TABLES = st.integers(1, 5).flatmap(
+    lambda n: st.lists(st.lists(NUMBERS, min_size=n, max_size=n), min_size=1, max_size=8)
+)
+
+
+@st.composite
+def dialects(draw):
+    separator = draw(st.sampled_from([";", ",", "\t", "|", " "]))
+    return {
+        "separator": separator,
+        "decimal": "." if separator == "," else draw(st.sampled_from(".,")),
+        "gap": draw(st.sampled_from(["nan", "NaN", "NA", "#N/A"])),
+        "units": draw(st.booleans()),
+        "title": draw(st.booleans()),
+        "end": draw(st.sampled_from(["\n", "\r\n"])),
+        "encoding": draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252"])),
+        "quotes": draw(st.booleans()),
+    }
+
+
+def written(table, how):
+    def cell(value):
+        return how["gap"] if value != value else repr(value).replace(".", how["decimal"])
+
+    head = [f'"Größe {i}"' if how["quotes"] or how["separator"] == " " else f"Größe {i}" for i in range(len(table[0]))]
+    rows = [head, *([["Nm"] * len(head)] if how["units"] else []), *([cell(v) for v in row] for row in table)]
+    lines = [*(["# a title"] if how["title"] else []), *(how["separator"].join(row) for row in rows)]
+    return (how["end"].join(lines) + how["end"]).encode(how["encoding"])
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(TABLES, dialects())
+def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, table, how):
+    data = read(csv(written(table, how)))
+    assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
+    np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
+    assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
+
+
+def mutants(content, seed, count):
+    generator = random.Random(seed)
+    for _ in range(count):
+        mutant = bytearray(content)
+        for _ in range(generator.randint(0, 6)):
+            at = generator.randrange(len(mutant))
+            mutant[at] = generator.randrange(256)
+        if generator.random() < 0.3:
+            a, b = sorted(generator.randrange(len(mutant)) for _ in range(2))
+            del mutant[a:b]
+        yield bytes(mutant[: generator.randrange(len(mutant) + 1)] if generator.random() < 0.4 else mutant)
+
+
+@pytest.mark.parametrize("bulk", [False, True])
+def test_a_damaged_file_gives_findings_and_nothing_else(csv, monkeypatch, bulk):
+    if bulk:
+        monkeypatch.setattr(text, "BULK", 0)
+    body = "# test\ntime [s];Speed;Note\n;rpm;\n" + "".join(f"{i / 10};{1000 + i},5;ok\n" for i in range(30))
+    for content in mutants(body.replace(".", ",").encode(), 7, 150 if bulk else 600):
+        with contextlib.suppress(InputError):
+            read(csv(content), raster=0.05)
+
+
+def test_a_damaged_packed_file_gives_findings_and_nothing_else(csv):
+    content = gzip.compress(b"time,a\n" + b"".join(b"%d,%d\n" % (i, i * i) for i in range(200)))
+    for mutant in mutants(content, 3, 300):
+        with contextlib.suppress(InputError):
+            read(csv(mutant, "run.csv.gz"))
+
+
+def test_the_published_tanks_are_read(real):
+    data = read(real("cascaded_tanks/dataBenchmark.csv"))
+    assert list(data) == ["uEst", "uVal", "yEst", "yVal", "Ts"]
+    assert data.samples == 1024
+    assert data["yEst"].values[0] == 5.205
+    assert data.time is None
+
+
+def test_the_real_engine_recordings_are_read(real):
+    data = read(real("engine_transient/gengine1_m10.csv.gz"), ["speed", "T_exh_manifold"])
+    assert data.samples == 13364
+    assert data.time[-1] == 1336.3
+    assert data["T_exh_manifold"].values[0] == 1.0905
+
+
+def test_a_real_megasquirt_log_is_read(real):
+    data = read(real("ecu_logs/empro_ms_test.msl"))
+    assert data["RPM"].unit == "rpm"
+    assert data.samples == 7977

@@ -1,0 +1,75 @@
+"""The time of the samples: which column it is, its unit, and what may be wrong with it."""
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.measurement import read
+
+
+@pytest.mark.parametrize("name", ["time", "Time", "t", "Zeit", "timestamps", "time_s", "Time [s]", "t (sec)"])
+def test_a_column_called_time_is_the_time(csv, name):
+    data = read(csv(f"a,{name}\n5,0\n6,0.5\n"))
+    assert data.time.tolist() == [0, 0.5]
+    assert list(data) == ["a"]
+
+
+@pytest.mark.parametrize(("unit", "expected"), [("ms", 0.003), ("us", 3e-6), ("µs", 3e-6), ("min", 180), ("h", 10800)])
+def test_time_is_given_in_seconds(csv, unit, expected):
+    assert read(csv(f"Uhr [{unit}],a\n0,5\n3,6\n")).time[1] == expected
+
+
+def test_the_suffix_of_the_name_is_a_unit(csv):
+    assert read(csv("time_ms,a\n0,1\n10,2\n")).time[1] == 0.01
+
+
+@pytest.mark.parametrize("head", ["a", "t [°C]", "t", "dwell [ms]"])
+def test_other_columns_are_no_time(csv, head):
+    assert read(csv(f"{head},b\n3,1\n2,1\n4,1\n")).time is None
+
+
+def test_a_time_that_never_changes_is_a_channel(csv):
+    data = read(csv("time,b\n30,1\n30,1\n30,2\n"))
+    assert data.time is None
+    assert "time" in data
+
+
+def test_time_is_a_channel_too_where_it_is_asked_for(csv):
+    data = read(csv("time [ms],a\n0,1\n10,2\n"), ["time", "a"])
+    assert data["time"].values.tolist() == [0, 10]
+    assert data.time.tolist() == [0, 0.01]
+
+
+def test_stamps_of_one_instant_are_merged(csv):
+    data = read(csv("time,a,b\n0,1,\n1,,5\n1.0000000000001,3,6\n2,4,7\n"))
+    assert data.time.tolist() == [0, 1, 2]
+    assert data["a"].values.tolist() == [1, 3, 4]
+    np.testing.assert_array_equal(data["b"].values, [np.nan, 5, 7])
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0,1\n1,2\n0.5,3\n2,4\n", "bench.csv line 4, column time: time goes backwards, from 1 s to 0.5 s"),
+        ("0,1\n,2\n2,4\n", "bench.csv line 3, column time: the time stamp is missing"),
+        ("0,1\n0,2\n0,4\n1,4\n1,5\n", "time stands still at 3 samples"),
+        ("0,1\n1,2\n1e9,3\n", "bench.csv line 4, column time: raster=0.1 s would make 1e+10 samples of 3"),
+    ],
+)
+def test_wrong_stamps_are_findings(csv, rows, message):
+    with pytest.raises(InputError) as caught:
+        read(csv("time,a\n" + rows), raster=0.1)
+    assert message in str(caught.value)
+
+
+def test_a_raster_without_time_is_a_finding(csv):
+    with pytest.raises(InputError, match="needs a time column, and there is none"):
+        read(csv("a,b\n1,2\n"), raster=0.1)
+    with pytest.raises(InputError, match="Time holds text, such as '12:00:01'"):
+        read(csv("Time,b\n12:00:01,2\n12:00:02,3\n"), raster=0.1)
+
+
+@pytest.mark.parametrize("raster", [0, -1, np.nan, np.inf])
+def test_an_impossible_raster_is_refused(csv, raster):
+    with pytest.raises(ArgumentError, match="must be a time in seconds above 0"):
+        read(csv("time,b\n1,2\n"), raster=raster)

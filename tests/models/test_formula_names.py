@@ -1,0 +1,192 @@
+"""What a name is, and what is said where it cannot be told."""
+
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.models.formula import expression, extend, formula
+
+
+def findings(text: str, parameters: list[str] | None = None) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        formula(text, "torque.kf", parameters)
+    return [str(finding).removeprefix("torque.kf ") for finding in caught.value.findings]
+
+
+def test_without_knowledge_what_is_called_is_a_table_and_a_bare_name_an_input():
+    graph = formula("y = M(u, v) * K").graph
+    assert graph.inputs == ("u", "v", "K")
+    assert graph.parameters == {"M": 2}
+
+
+def test_a_declared_scalar_is_a_parameter():
+    graph = formula("y = M(u, v) * K\nscalar K").graph
+    assert graph.inputs == ("u", "v")
+    assert graph.parameters == {"M": 2, "K": 0}
+
+
+def test_a_known_parameter_needs_no_declaration():
+    graph = formula("y = M(u, v) * K", parameters=["K", "M", "unused"]).graph
+    assert graph.inputs == ("u", "v")
+    assert graph.parameters == {"M": 2, "K": 0}
+
+
+def test_a_quoted_name_can_be_a_table_called_like_a_function():
+    graph = formula("y = %min%(u, v) + min(u, v)").graph
+    assert graph.parameters == {"min": 2}
+
+
+def test_a_quoted_reserved_word_is_an_ordinary_name():
+    graph = formula("%t% = u\ny = %t% + t + %and%\nscalar %and%").graph
+    assert list(graph.names) == ["t", "y"]
+    assert graph.parameters == {"and": 0}
+
+
+def test_dt_and_t_are_the_clock():
+    graph = formula("y = dt + t").graph
+    assert graph.inputs == ()
+    assert [node.payload for node in graph.nodes[:2]] == ["dt", "t"]
+
+
+def test_auxiliary_names_stay_out_of_the_graph():
+    graph = formula("_a = u + 1\ny = _a * _a\n%_b% = _a").graph
+    assert list(graph.names) == ["y", "_b"]
+
+
+def test_arguments_of_a_function_hide_other_names():
+    graph = formula("def f(u, y) = u - y\ny = f(2 * u, v)").graph
+    assert graph.nodes == formula("y = 2 * u - v").graph.nodes
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("y = 1\ny = 2", "line 2, column 1: node y stands already in torque.kf line 1. Remove one."),
+        ("input u\ninput u\ny = u", "line 2, column 7: input u stands already in torque.kf line 1. Remove one."),
+        ("scalar K\ncurve K\ny = K", "line 2, column 7: parameter K stands already in torque.kf line 1. Remove one."),
+        ("step 1\nstep 2\ny = u", "line 2, column 1: step stands already in torque.kf line 1. Remove one."),
+        ("y = 1\ninput y", "line 2, column 7: y is an input and also a node. Rename one of them."),
+        ("y = u\nscalar y", "line 2, column 8: y is a parameter and also a node. Rename one of them."),
+        ("scalar u\ninput u\ny = u", "line 2, column 7: u is an input and also a parameter. Rename one of them."),
+        ("y = f(u)\ndef f(a) = a\nf = 3", "line 2, column 5: f is a function and also a node. Rename one of them."),
+        (
+            "def abs(a) = a\ny = u",
+            "line 1, column 5: abs, which is built in, cannot be defined as a function. Use another name.",
+        ),
+        (
+            "def %f%(a) = a\ny = u",
+            "line 1, column 5: a name in quotes cannot be defined as a function. Use another name.",
+        ),
+        ("def f(a, a) = a\ny = u", "line 1, column 10: argument a stands twice. Rename one of them."),
+        ("output z\ny = u", "line 1, column 8: output z is no node"),
+        ("output speed\nSpeed = u", "line 1, column 8: output speed is no node. Did you mean Speed?"),
+        (
+            "output _a\n_a = u\ny = _a",
+            "line 1, column 8: output _a is auxiliary. Give the node a name without the underscore.",
+        ),
+        (
+            "input Speed\ny = Sped",
+            "line 2, column 5: Sped is no node, no parameter and no declared input. Did you mean Speed?",
+        ),
+        (
+            "input Speed\ny = q",
+            "line 2, column 5: q is no node, no parameter and no declared input. Declare it: input q.",
+        ),
+        (
+            "y = M(u)\nz = M(u, v)",
+            "line 2, column 5: M is a curve with 1 coordinate in torque.kf line 1, column 5 "
+            "and has 2 here. Write M(x).",
+        ),
+        (
+            "y = M(u) + M",
+            "line 1, column 12: M is a table in torque.kf line 1, column 5 and has no coordinates here. "
+            "Write M(...) with its coordinates.",
+        ),
+        ("map M\ny = M(u)", "line 2, column 5: M is declared as a map and has 1 coordinate here. Write M(x, y)."),
+        ("curve M\ny = M", "line 2, column 5: M is declared as a curve and has no coordinates here. Write M(x)."),
+        ("scalar M\ny = M(u)", "line 2, column 5: M is declared as a scalar and has 1 coordinate here. Write M."),
+        (
+            "cube M\ny = M(u, v)",
+            "line 2, column 5: M is declared as a cube and has 2 coordinates here. Write M(x, y, z).",
+        ),
+        ("y = M(1, 2, 3, 4, u)", "line 1, column 5: M has 5 coordinates; tables have at most 4"),
+        ("y = M()", "line 1, column 5: M has no coordinates. Write M(x), or M."),
+        ("y = z(2)\nz = u", "line 1, column 5: z is a node, not a table. Write * to multiply."),
+        ("input u\ny = u(2)", "line 2, column 5: u is an input, not a table. Write * to multiply."),
+        ("y = pi(2)", "line 1, column 5: pi is no function. Write * to multiply."),
+        ("def f(a) = a(2)\ny = f(1)", "line 1, column 12: a is an argument, not a table. Write * to multiply."),
+        ("def f(a, b) = a\ny = f(1)", "line 2, column 5: f needs 2 arguments, not 1. Write f(a, b)."),
+        ("def f(a) = a\ny = f", "line 2, column 5: f is a function of this text. Write f(a)."),
+        ("y = sqrt(1, 2)", "line 1, column 5: sqrt needs 1 argument, not 2. Write sqrt(x)."),
+        ("y = min(u)", "line 1, column 5: min needs at least 2 arguments, not 1. Write min(a, b, ...)."),
+        ("y = PT1(u)", "line 1, column 5: PT1 needs 2 to 3 arguments, not 1. Write PT1(x, T, init=x)."),
+        ("y = timeDelay()", "line 1, column 5: timeDelay needs 1 to 2 arguments, not 0. Write timeDelay(x, init=0)."),
+        (
+            "y = integrator(u, 1, 2, 3, 4)",
+            "line 1, column 5: integrator needs 1 to 4 arguments, not 5. "
+            "Write integrator(x, init=0, lower=-inf, upper=inf).",
+        ),
+    ],
+)
+def test_names_that_cannot_be_told_are_answered_with_place_and_mend(text, expected):
+    assert findings(text) == [expected]
+
+
+def test_the_nearest_parameter_is_offered():
+    assert findings("y = MapOptTorqe(u)", ["MapOptTorque", "K"]) == [
+        "line 1, column 5: MapOptTorqe is no parameter of this project. Did you mean MapOptTorque?"
+    ]
+
+
+def test_the_nearest_function_is_offered():
+    assert findings("y = sqr(u)", ["MapOptTorque"]) == [
+        "line 1, column 5: sqr is no parameter of this project. Did you mean sqrt?"
+    ]
+
+
+def test_a_node_may_not_be_called_like_a_known_parameter():
+    assert findings("K = 2\ny = K", ["K"]) == [
+        "line 1, column 1: K is a node and also a parameter of this project. Rename one of them."
+    ]
+
+
+def test_a_known_scalar_may_not_be_called_as_well():
+    assert findings("y = K * u\nz = K(u)", ["K"]) == [
+        "line 2, column 5: K is a scalar with no coordinates in torque.kf line 1, column 5 and has 1 here. Write K."
+    ]
+
+
+def test_a_wrong_line_keeps_its_name_known():
+    assert len(findings("input u\na = u $\ny = a + u")) == 1
+
+
+def test_all_wrong_names_of_a_text_are_reported_in_its_order():
+    text = "input u\na = q1\nb = sqrt(q2, q3)\nc = u(1) + abs()\n"
+    assert [finding.split(":")[0] for finding in findings(text)] == [
+        "line 2, column 5",
+        "line 3, column 5",
+        "line 3, column 10",
+        "line 3, column 14",
+        "line 4, column 5",
+        "line 4, column 12",
+    ]
+
+
+def test_an_expression_knows_channels_only():
+    with pytest.raises(InputError) as caught:
+        expression("lambd < 1.5 and foo(n)", "kennfeld.toml [[dataset]] where", ["lambda", "n"])
+    assert [str(finding) for finding in caught.value.findings] == [
+        "kennfeld.toml [[dataset]] where, column 1: lambd is no channel. Did you mean lambda?",
+        "kennfeld.toml [[dataset]] where, column 17: foo is no function. Did you mean floor?",
+    ]
+
+
+def test_an_extension_knows_the_model():
+    model = formula("n = Speed(u) * K\nscalar K", "idle")
+    with pytest.raises(InputError) as caught:
+        extend(model, {"a": "Sped(u)", "b": "Speed(u, u)", "n": "u", "u": "1"}, "limit")
+    assert [str(finding) for finding in caught.value.findings] == [
+        "limit a, column 1: Sped is no parameter of model idle. Did you mean Speed?",
+        "limit b, column 1: Speed is a curve with 1 coordinate of model idle and has 2 here. Write Speed(x).",
+        "limit n: n is already a node of model idle. Give it another name.",
+        "limit u: u is already an input of model idle. Give it another name.",
+    ]
