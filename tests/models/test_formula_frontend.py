@@ -69,7 +69,7 @@ def test_declarations_make_a_text_complete():
 
 
 def test_a_text_without_nodes_is_an_error():
-    with pytest.raises(InputError, match="torque.kf: the text defines no node. Write name\\[unit\\] = expression."):
+    with pytest.raises(InputError, match="the text defines no node"):
         formula("# nothing\ninput u", "torque.kf")
 
 
@@ -158,7 +158,7 @@ def test_an_expression_is_the_graph_of_its_value():
 def test_an_expression_may_have_memory_and_several_lines():
     graph = expression("derivative(n)  # slope\n + value", "kennfeld.toml where")
     assert graph.inputs == ("n", "value")
-    with pytest.raises(InputError, match="kennfeld.toml where line 2, column 3: the expression ends too early"):
+    with pytest.raises(InputError, match="where line 2, column 3: the expression ends too early"):
         expression("n\n +", "kennfeld.toml where")
 
 

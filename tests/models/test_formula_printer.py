@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from random_graphs import graphs
+from random_graphs import graphs, one_nan
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import OPERATIONS, Builder, Graph
@@ -25,7 +25,7 @@ def printed(text: str) -> list[str]:
 @settings(max_examples=400, deadline=None)
 @given(graphs())
 def test_every_graph_is_printed_as_text_that_reads_back_to_it(graph):
-    assert formula(to_text(graph)).graph == merged(graph)
+    assert one_nan(formula(to_text(graph)).graph) == one_nan(merged(graph))
 
 
 @settings(max_examples=100, deadline=None)
@@ -41,7 +41,7 @@ def test_text_that_was_printed_prints_alike(graph):
 def test_making_equal_memories_one_keeps_the_others(graph):
     once = merged(graph)
     assert len(set(once.states)) == len(once.states)
-    assert merged(once) == once
+    assert one_nan(merged(once)) == one_nan(once)
     assert (once.names.keys(), once.outputs, once.units) == (graph.names.keys(), graph.outputs, graph.units)
 
 
