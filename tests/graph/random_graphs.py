@@ -29,7 +29,7 @@ class Criterion:
     delta: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Case:
     """A model, its parameters, and data to run it on."""
 
@@ -40,6 +40,16 @@ class Case:
     starts: tuple[int, ...]
     criteria: tuple[Criterion, ...]
     seed: int
+
+    def __repr__(self) -> str:
+        nodes = "; ".join(f"{i} {op}{args} {payload}" for i, (op, args, payload) in enumerate(self.graph.nodes))
+        return (
+            f"seed {self.seed}, free {self.free}, starts {self.starts}, states {self.graph.states}, "
+            f"names {dict(self.graph.names)}, nodes {nodes}"
+        )
+
+    def _repr_pretty_(self, printer, cycle) -> None:
+        printer.text(repr(self))
 
     @property
     def samples(self) -> int:
@@ -58,8 +68,8 @@ class Case:
 
 
 @st.composite
-def cases(draw, *, states=None, max_latency=3, max_states=3, max_outputs=3, operations=14, nan=True, kinks=True):
-    """A `Case`; `states` None leaves open whether it has memory."""
+def cases(draw, *, states=None, max_latency=3, max_states=3, max_outputs=3, operations=14, nan=True, kinks=True, nested=False):
+    """A `Case`. `states` None leaves open whether it has memory; `nested` makes sure of a lookup of lookups."""
     seed = draw(st.integers(0, 2**32 - 1))
     random = np.random.default_rng(seed)
     parameters = ParameterSet(draw(tables(random)))
@@ -70,9 +80,11 @@ def cases(draw, *, states=None, max_latency=3, max_states=3, max_outputs=3, oper
     pool = [b.input(name) for name in (*INPUTS, "dt", "t")] + [b.const(value) for value in (2.0, -1.5)]
     memory = [b.state(latency) for latency in latencies]
     pool += memory
-    grow = _Growth(b, draw, random, parameters, pool, kinks=kinks)
+    grow = _Growth(b, draw, parameters, pool, memory, kinks=kinks)
     for _ in range(draw(st.integers(2, operations))):
         grow.more()
+    if nested:
+        grow.nest()
     for number, state in enumerate(memory):
         grow.close(state, memory[:number])
     outputs = draw(st.integers(1, max_outputs))
@@ -149,8 +161,8 @@ def _rising(random, count):
 class _Growth:
     """A graph under construction: operations on what there is already."""
 
-    def __init__(self, b, draw, random, parameters, pool, *, kinks):
-        self.b, self.draw, self.random, self.parameters, self.pool = b, draw, random, parameters, pool
+    def __init__(self, b, draw, parameters, pool, memory, *, kinks):
+        self.b, self.draw, self.parameters, self.pool, self.memory = b, draw, parameters, pool, memory
         self.made = []
         self.wild = draw(st.integers(0, 5)) == 0
         self.operations = DRAWN if kinks else SMOOTH
@@ -170,6 +182,12 @@ class _Growth:
     def lookup(self):
         name = self.draw(st.sampled_from(sorted(self.parameters)))
         return self.b.lookup(name, *(self.pick() for _ in self.parameters[name].index_axes))
+
+    def nest(self):
+        """A lookup of two lookups, themselves of what there is."""
+        made = self.b.lookup(self.draw(st.sampled_from(["M", "M2", "B2"])), self.lookup(), self.lookup())
+        self.pool.append(made)
+        self.made.append(made)
 
     def operation(self, op):
         args = [self.pick() for _ in range(OPERATIONS[op].arity)]
@@ -199,7 +217,7 @@ class _Growth:
     def outputs(self, count):
         """Every node that nothing else uses, summed up in `count` outputs."""
         used = {a for node in self.b.nodes for a in node.args}
-        loose = [at for at in self.made if at not in used] or [self.pick()]
+        loose = [at for at in (*self.memory, *self.made) if at not in used] or [self.pick()]
         names = {}
         for number in range(count):
             total = self.b.call("mul", self.b.lookup("K"), self.pick())

@@ -23,7 +23,7 @@ scalar K
 map M
 step 0.1
 def f(a, b) = a * b + prev(a, 0)
-_h = M(u, y) + K
+_h = M(u, z) + K
 y[-] = PT1(_h, 0.5) + f(u, delay(z, 3))
 z = integrator(u - prev(y, 0), 1, -5, 5)
 output z

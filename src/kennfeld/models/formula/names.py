@@ -75,7 +75,11 @@ class Names:
     """
 
     def __init__(self, statements: Sequence[Statement], around: Surroundings, source: Source) -> None:
-        self.around = around
+        known, channels = around.parameters, around.channels
+        self.around = around._replace(  # dictionaries, because a project may know thousands of names
+            parameters=None if known is None else dict.fromkeys(known),
+            channels=None if channels is None else dict.fromkeys(channels),
+        )
         self.source = source
         self.definitions: dict[str, Definition] = {}
         self.functions: dict[str, Function] = {}
@@ -104,8 +108,6 @@ class Names:
         if name in self.declared or name in (self.around.parameters or ()):
             return "parameter"
         return "input"
-
-    # --- statements
 
     def _register(self, statement: Statement) -> None:
         match statement:
@@ -163,8 +165,6 @@ class Names:
     def _report(self, name: str, at: Token, what: str, mend: str = "") -> None:
         self.broken.add(name)
         self.source.report(at, what, mend)
-
-    # --- expressions
 
     def _check_expressions(self) -> None:
         everything: list[tuple[str, Definition | Function]] = [*self.definitions.items(), *self.functions.items()]

@@ -76,8 +76,6 @@ class _Parser:
         self.position = 0
         self.depth = 0
 
-    # --- statements
-
     def statement(self) -> Statement | None:
         self._skip_line_number()
         first, second = self.tokens[self.position], self.tokens[min(self.position + 1, len(self.tokens) - 1)]
@@ -193,8 +191,6 @@ class _Parser:
             raise _Wrong(token, "a comma stands outside brackets", "Write a decimal point, not a comma.")
         raise _Wrong(token, f"an operator is missing before {token.text}")
 
-    # --- expressions
-
     def _expression(self, level: int) -> Expr:
         """An expression whose operators bind at least as tightly as `level`."""
         left = self._operand(level)
@@ -301,8 +297,6 @@ class _Parser:
             at = self.tokens[self.position - 1]
             raise _Wrong(at, f"the expression is nested deeper than {DEEPEST}", "Give its inner parts names.")
 
-    # --- tokens
-
     @property
     def _peek(self) -> Token:
         return self.tokens[self.position]
@@ -324,8 +318,6 @@ class _Parser:
 
     def _key(self, *parts: Any) -> int:
         return self.keys.setdefault(parts, len(self.keys))
-
-    # --- what is wrong
 
     def _no_operand(self, token: Token) -> _Wrong:
         if token.kind == "bad":

@@ -1,0 +1,79 @@
+"""The engine torque problem of the paper, on data from a published engine with known noise."""
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset, Use
+from kennfeld.parameters import Axis, Curve, Map, ParameterSet
+from kennfeld.project.demo.engine import torque
+
+__all__ = ["FORMULA", "NOISE", "SMOOTHNESS", "bench", "fresh", "start"]
+
+NOISE = 1.8  # Nm, standard deviation of the torque measurement
+SPEED, AIR, IGNITION = (700.0, 6000.0), (25.0, 100.0), (10.0, 40.0)
+LEVELS = (37, 19, 4)  # full factorial: 2812 points
+
+# Figure 3 of Gutjahr, Kleinegraeber, Kruse: Automated Optimization of Physics-Based Sensor Models.
+FORMULA = """\
+1 trqOpt[-] = MapOptTorque(Speed,Rel_Airmass)
+2 ignOpt[-] = MapOptIgnition(Speed,Rel_Airmass)
+3 deltaSpark[-] = ignOpt - Ignition
+4 etaSpark[-] = CurveEtaDeltaSpark(deltaSpark)
+5 product[-] = trqOpt * etaSpark
+6 dragTorque[-] = MapDragTorque(Speed,Rel_Airmass)
+7 TorquePredict[-] = product - dragTorque
+"""
+
+SMOOTHNESS = {"MapOptTorque": 1.0, "MapOptIgnition": 10.0, "CurveEtaDeltaSpark": 1e4, "MapDragTorque": 1.0}
+
+
+def bench(seed: int = 0) -> Dataset:
+    """2812 points of a test bench: full factorial over speed, relative air mass and ignition."""
+    levels = [np.linspace(*span, count) for span, count in zip((SPEED, AIR, IGNITION), LEVELS, strict=True)]
+    grid = np.meshgrid(*levels, indexing="ij")
+    return _measured("bench", *(axis.ravel() for axis in grid), seed=seed, use="training")
+
+
+def fresh(count: int = 1000, seed: int = 1) -> Dataset:
+    """Points drawn evenly from the same range, which no fit has seen."""
+    rng = np.random.default_rng(seed + 1_000_000)
+    points = [rng.uniform(*span, count) for span in (SPEED, AIR, IGNITION)]
+    return _measured("fresh", *points, seed=seed, use="test")
+
+
+def _measured(name: str, speed: Float, air: Float, ignition: Float, *, seed: int, use: Use) -> Dataset:
+    noise = np.random.default_rng(seed).normal(0.0, NOISE, speed.size)
+    channels = (
+        Channel("Speed", speed, "rpm"),
+        Channel("Rel_Airmass", air, "%"),
+        Channel("Ignition", ignition, "deg"),
+        Channel("Torque", torque(speed, air, ignition) + noise, "Nm"),
+    )
+    return Dataset(name, channels, use=use)
+
+
+def start() -> ParameterSet:
+    """A calibration as bad as the paper's: constant maps, and an efficiency that hardly falls."""
+    eta = Axis(np.linspace(-15.0, 40.0, 12), input="deltaSpark", unit="deg")
+    return ParameterSet(
+        [
+            _constant("MapOptTorque", (18, 14), 88.0, "Nm", "Inner torque at the best ignition"),
+            _constant("MapOptIgnition", (10, 8), 20.0, "deg", "Best ignition"),
+            Curve(
+                "CurveEtaDeltaSpark",
+                eta,
+                1.0 - 0.0002 * eta.breakpoints**2,
+                unit="-",
+                description="Efficiency over the distance from the best ignition",
+                lower=0.0,
+                upper=1.0,
+            ),
+            _constant("MapDragTorque", (16, 11), 20.0, "Nm", "Drag torque"),
+        ]
+    )
+
+
+def _constant(name: str, shape: tuple[int, int], value: float, unit: str, description: str) -> Map:
+    x = Axis(np.linspace(*SPEED, shape[0]), input="Speed", unit="rpm")
+    y = Axis(np.linspace(*AIR, shape[1]), input="Rel_Airmass", unit="%")
+    return Map(name, x, y, np.full(shape, value), unit=unit, description=description)

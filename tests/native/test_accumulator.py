@@ -1,0 +1,342 @@
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+from models import MODELS, case, coupled, lag, parameters, static
+from noise import assert_close, spread
+from random_graphs import LOSSES
+from reference import compiled, sums
+
+from kennfeld.graph import Builder
+from kennfeld.native import accumulator as module
+from kennfeld.parameters import Curve, ParameterSet, Scalar
+
+STARTS = (0, 1, 170, 171, 400)
+both = pytest.mark.parametrize("model", sorted(MODELS))
+
+
+def results(made, **options):
+    summed = made.accumulator(**options)
+    costs = summed.costs(made.values)
+    normal = summed.normal(made.values)
+    residual, jacobian = summed.rows(made.values)
+    return [costs, normal.gradient.copy(), normal.matrix.copy(), residual, jacobian]
+
+
+def close(got, expected, tolerance):
+    for a, b in zip(got, expected, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * np.max(np.abs(b)))
+
+
+@both
+@pytest.mark.parametrize("loss", LOSSES)
+def test_sums_are_those_of_the_interpreters_rows(model, loss):
+    made = compiled(case(MODELS[model](), 120, (0, 1, 50), loss=loss))
+    direct = sums(made.case, made.run(made.interpreter()))
+    costs, gradient, matrix, *_ = results(made)
+    close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-12)
+
+
+@both
+def test_the_gradient_is_that_of_finite_differences(model):
+    made = compiled(case(MODELS[model](), 80, (0, 30), loss="soft_l1"))
+    summed, values, h = made.accumulator(), made.values, 1e-6
+    gradient = 2 * summed.normal(values).gradient.copy()
+    for j in range(made.kernel.values.free):
+        up, down = values.copy(), values.copy()
+        up[j], down[j] = values[j] + h, values[j] - h
+        slope = (summed.cost(up) - summed.cost(down)) / (2 * h)
+        assert gradient[j] == pytest.approx(slope, rel=2e-6, abs=1e-6 * np.max(np.abs(gradient))), j
+
+
+@both
+def test_the_cost_is_the_sum_of_the_costs_of_each_output(model):
+    made = compiled(case(MODELS[model](), 100))
+    summed = made.accumulator()
+    assert summed.cost(made.values) == pytest.approx(summed.costs(made.values).sum(), rel=1e-15)
+
+
+@both
+def test_results_do_not_depend_on_the_number_of_threads(model, monkeypatch):
+    made = compiled(case(MODELS[model](), 4000, (0, 900, 901, 2500)))
+    found = []
+    for threads in (1, 2, 8, None):
+        monkeypatch.setattr(os, "cpu_count", lambda threads=threads: threads)
+        found.append(results(made))
+    for other in found[1:]:
+        for a, b in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_threads_are_put_to_work_in_this_file(monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    made = compiled(case(static(), 4000))
+    assert made.accumulator()._pool is not None
+
+
+@both
+@pytest.mark.parametrize("sparse", [True, False])
+def test_results_do_not_depend_on_the_length_of_chunks(model, sparse, monkeypatch):
+    made = compiled(case(MODELS[model](), 500, STARTS))
+    if sparse and made.kernel.pattern.carried and not made.kernel.pattern.accumulates:
+        pytest.skip("delays have rows alone")
+    options = {"sparse": sparse} if made.kernel.pattern.carried else {}
+    whole = results(made, **options)
+    monkeypatch.setattr(module, "TAPE_BYTES", 1)
+    cut = made.accumulator(**options)
+    assert max(sum(c.piece == i for c in cut.chunks) for i in range(len(STARTS))) > 2
+    close(results(made, **options), whole, 1e-13)
+
+
+@pytest.mark.parametrize("model", ["lag", "coupled2", "coupled3"])
+def test_backward_and_forward_sweeps_give_what_rows_give(model):
+    made = compiled(case(MODELS[model](), 500, STARTS))
+    close(results(made, sparse=True), results(made, sparse=False), 1e-12)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_coupled_states_with_two_outputs_are_summed_exactly(count):
+    made = compiled(case(coupled(count), 300, (0, 100)))
+    direct = sums(made.case, made.run(made.interpreter()))
+    normal = made.accumulator(sparse=True).normal(made.values)
+    close((normal.gradient, normal.matrix), (direct.gradient, direct.matrix), 1e-12)
+
+
+def test_pieces_run_by_themselves_and_add_up():
+    whole = case(lag(), 60, (0, 25))
+    parts = []
+    for number, (first, last) in enumerate(zip(whole.starts, whole.ends, strict=True)):
+        columns = {name: c[first:last] for name, c in whole.columns.items()}
+        criteria = tuple(
+            dataclasses.replace(c, target=c.target[first:last], scores=c.scores[[number]]) for c in whole.criteria
+        )
+        parts.append(dataclasses.replace(whole, columns=columns, starts=(0,), criteria=criteria))
+    separate = [results(compiled(part)) for part in parts]
+    together = results(compiled(whole))
+    for i in range(3):
+        np.testing.assert_allclose(together[i], separate[0][i] + separate[1][i], rtol=1e-12, atol=1e-13)
+
+
+def test_a_score_multiplies_the_square():
+    single = case(static(), 50)
+    double = dataclasses.replace(
+        single, criteria=tuple(dataclasses.replace(c, scores=2 * c.scores) for c in single.criteria)
+    )
+    for a, b in zip(results(compiled(double))[:3], results(compiled(single))[:3], strict=True):
+        np.testing.assert_allclose(a, 2 * b, rtol=1e-14)
+
+
+def test_a_sample_without_a_target_counts_for_nothing_even_where_the_model_is_not_finite():
+    model = case(static(), 40)
+    model.columns["u"][[3, 9]] = np.nan
+    model.columns["v"][5] = np.inf
+    model.criteria[0].target[[3, 5, 9]] = np.nan
+    made = compiled(model)
+    assert all(np.isfinite(a).all() for a in results(made))
+    kept = np.isfinite(model.criteria[0].target)
+    columns = {name: c[kept] for name, c in model.columns.items()}
+    criteria = (dataclasses.replace(model.criteria[0], target=model.criteria[0].target[kept]),)
+    less = results(compiled(dataclasses.replace(model, columns=columns, criteria=criteria)))
+    close(results(made)[:3], less[:3], 1e-13)
+
+
+def test_an_input_that_is_not_a_number_makes_the_cost_so():
+    model = case(static(), 40)
+    model.columns["u"][4] = np.nan
+    model.criteria[0].target[4] = 1.0
+    assert np.isnan(compiled(model).accumulator().cost(compiled(model).values))
+
+
+def test_a_score_of_zero_switches_off_even_where_the_model_is_not_finite():
+    model = case(static(), 40, (0, 20))
+    model.columns["u"][4] = np.nan
+    model.criteria[0].target[4] = 1.0
+    model.criteria[0].scores[0] = 0.0
+    made = compiled(model)
+    costs, gradient, *_ = results(made)
+    assert np.isfinite(costs).all()
+    assert np.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_an_infinite_residual_gives_an_infinite_cost_and_no_warning(loss):
+    b = Builder()
+    graph = b.finish({"y": b.call("div", b.lookup("K"), b.input("u"))})
+    model = case(graph, 10, loss=loss)
+    model.columns["u"][4] = 0.0
+    model.criteria[0].target[4] = 1.0
+    made = compiled(model)
+    assert not np.isfinite(made.accumulator().cost(made.values))
+    made.accumulator().normal(made.values)
+    made.accumulator().rows(made.values)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-9])
+def test_soft_l1_is_the_square_for_small_residuals(size):
+    b = Builder()
+    model = case(b.finish({"y": b.lookup("K")}), 3, loss="soft_l1", values=ParameterSet([Scalar("K", 1.0 + size)]))
+    criterion = dataclasses.replace(model.criteria[0], target=np.ones(3), scores=np.ones(1), scale=1.0, delta=1.0)
+    made = compiled(dataclasses.replace(model, criteria=(criterion,)))
+    assert made.accumulator().cost(made.values) == pytest.approx(3 * (made.values[0] - 1.0) ** 2, rel=1e-6, abs=0)
+
+
+def test_a_branch_not_taken_leaks_nothing_into_the_sums():
+    b = Builder()
+    x = b.call("add", b.input("u"), b.lookup("K"))
+    root = b.call("select", b.call("gt", x, b.const(0.0)), b.call("sqrt", x), b.const(0.0))
+    logged = b.call("select", b.call("gt", x, b.const(0.0)), b.call("log", x), b.lookup("C", x))
+    made = compiled(case(b.finish({"y": b.call("add", root, logged)}), 100))
+    assert (made.case.columns["u"] < -0.37).any()
+    direct = sums(made.case, made.run(made.interpreter()))
+    costs, gradient, matrix, *_ = results(made)
+    close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-11)
+    assert np.isfinite(gradient).all()
+
+
+def test_a_branch_not_taken_leaks_nothing_through_states():
+    b = Builder()
+    state = b.state()
+    x = b.call("add", b.input("u"), b.call("mul", b.lookup("K"), state))
+    held = b.call("select", b.call("gt", x, b.const(0.0)), b.call("sqrt", x), b.call("mul", state, b.lookup("L")))
+    b.close(state, b.const(0.5), held)
+    made = compiled(case(b.finish({"y": state}), 100))
+    direct = sums(made.case, made.run(made.interpreter()))
+    for sparse in (True, False):
+        costs, gradient, matrix, *_ = results(made, sparse=sparse)
+        close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-11)
+
+
+def test_lookups_of_the_same_grid_points_are_merged():
+    b = Builder()
+    u = b.input("u")
+    other = b.call("add", u, b.const(1e-3))
+    product = b.call("mul", b.lookup("C", u), b.lookup("C", other))
+    made = compiled(case(b.finish({"y": b.call("add", product, b.lookup("C", b.call("neg", u)))}), 60))
+    direct = sums(made.case, made.run(made.interpreter()))
+    _, gradient, matrix, *_ = results(made)
+    close((gradient, matrix), (direct.gradient, direct.matrix), 1e-13)
+
+
+def test_two_criteria_may_share_a_node():
+    b = Builder()
+    y = b.lookup("C", b.input("u"))
+    made = compiled(case(b.finish({"y": y, "same": y}), 60))
+    direct = sums(made.case, made.run(made.interpreter()))
+    costs, gradient, matrix, *_ = results(made)
+    close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-13)
+
+
+def test_fixed_parameters_have_no_columns():
+    made = compiled(case(static(), 30, free=("M",)))
+    assert made.kernel.values.free == 12
+    assert results(made)[2].shape == (12, 12)
+
+
+def test_nothing_free_leaves_the_cost():
+    made = compiled(case(lag(), 30, free=()))
+    direct = sums(made.case, made.run(made.interpreter()))
+    costs, gradient, matrix, *_ = results(made)
+    np.testing.assert_allclose(costs, direct.costs, rtol=1e-13)
+    assert gradient.shape == (0,)
+    assert matrix.shape == (0, 0)
+
+
+def test_a_table_that_no_criterion_reaches_has_columns_of_zeros():
+    b = Builder()
+    graph = b.finish({"y": b.lookup("K"), "z": b.lookup("C", b.input("u"))})
+    model = case(graph, 30)
+    made = compiled(dataclasses.replace(model, criteria=model.criteria[:1]))
+    _, gradient, matrix, *_ = results(made)
+    at = made.kernel.values.offsets["C"]
+    assert not gradient[at : at + 4].any()
+    assert not matrix[at : at + 4].any()
+
+
+def test_sums_start_from_nothing_at_each_call():
+    made = compiled(case(lag(), 100, (0, 40)))
+    summed = made.accumulator()
+    first = summed.normal(made.values)
+    gradient, matrix = first.gradient.copy(), first.matrix.copy()
+    for _ in range(3):
+        again = summed.normal(made.values)
+        np.testing.assert_array_equal(again.gradient, gradient)
+        np.testing.assert_array_equal(again.matrix, matrix)
+
+
+def test_values_that_the_caller_changes_in_place_are_seen():
+    made = compiled(case(lag(), 100, (0, 40)))
+    summed, values = made.accumulator(), made.values
+    summed.normal(values)
+    values += 0.05
+    expected = made.accumulator().normal(values.copy()).matrix.copy()
+    np.testing.assert_array_equal(summed.normal(values).matrix, expected)
+
+
+def test_widths_that_change_are_seen_with_states(monkeypatch):
+    monkeypatch.setattr(module, "TAPE_BYTES", 1)
+    b = Builder()
+    state = b.state()
+    b.close(state, b.const(0.2), b.lookup("C", b.call("add", b.lookup("M", b.input("u"), b.input("v")), state)))
+    made = compiled(case(b.finish({"y": state}), 300), smooth=["M"])
+    wide = np.full(len(made.lowered.axes), 0.4)
+    summed = made.accumulator(widths=np.full_like(wide, 0.05))
+    summed.normal(made.values)
+    summed.widths[:] = wide
+    np.testing.assert_array_equal(
+        summed.normal(made.values).matrix.copy(), made.accumulator(widths=wide).normal(made.values).matrix
+    )
+
+
+@pytest.mark.parametrize("extrapolation", ["clip", "linear"])
+@pytest.mark.parametrize("width", [0.02, 0.2, 3.0])
+def test_smoothed_sums_are_those_of_the_interpreter_and_of_finite_differences(extrapolation, width):
+    held = parameters()
+    held = held.with_parameters(*(p.changed(extrapolation=extrapolation) for p in held.values() if p.axes))
+    made = compiled(case(static(), 60, values=held), smooth=["C", "M", "K"])
+    widths = np.full(len(made.lowered.axes), width)
+    summed = made.accumulator(widths=widths)
+    plain = made.interpreter(tuple(widths))
+    direct = sums(made.case, made.run(plain))
+    costs, gradient, matrix, *_ = results(made, widths=widths)
+    close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-11)
+    values, h = made.values, 1e-6
+    for j in range(made.kernel.values.free):
+        up, down = values.copy(), values.copy()
+        up[j], down[j] = values[j] + h, values[j] - h
+        slope = (summed.cost(up) - summed.cost(down)) / (2 * h)
+        assert 2 * gradient[j] == pytest.approx(slope, rel=1e-4, abs=1e-5 * np.max(np.abs(gradient))), j
+
+
+def test_a_smoothed_lookup_of_what_is_far_outside_is_clipped():
+    b = Builder()
+    y = b.lookup("Outer", b.call("mul", b.lookup("K"), b.input("u")))
+    held = ParameterSet([Scalar("K", 100.0), Curve("Outer", [0.0, 1.0, 3.0], [2.0, 5.0, 7.0])])
+    model = case(b.finish({"y": y}), 10, free=("K", "Outer"), values=held)
+    made = compiled(model, smooth=["K"])
+    expected = np.where(model.columns["u"] > 0, 7.0, 2.0)
+    residual, _ = made.accumulator(widths=np.array([0.2])).rows(made.values)
+    root = np.sqrt(model.criteria[0].scores[0])
+    scored = ~np.isnan(model.criteria[0].target)
+    wanted = root * (expected - model.criteria[0].target) / model.criteria[0].scale
+    np.testing.assert_allclose(residual[scored], wanted[scored], rtol=1e-12)
+
+
+def test_rows_have_the_weight_of_the_loss():
+    made = compiled(case(static(), 50, loss="huber"))
+    residual, jacobian = made.accumulator().rows(made.values)
+    normal = made.accumulator().normal(made.values)
+    close((jacobian.T @ residual, jacobian.T @ jacobian), (normal.gradient, normal.matrix), 1e-13)
+
+
+def test_states_that_no_free_value_reaches_are_simulated_all_the_same():
+    b = Builder()
+    late = b.prev(b.call("sin", b.input("u")), b.input("v"), 2)
+    made = compiled(case(b.finish({"y": b.call("mul", late, b.lookup("K"))}), 200, STARTS[:3]))
+    assert made.kernel.pattern.carried == 0
+    plain = made.interpreter()
+    exact = made.run(plain)
+    direct = sums(made.case, exact)
+    costs, gradient, matrix, *_ = results(made)
+    close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-13)
+    assert_close(exact, exact, spread(plain, made.run), np.ones(exact.shape, bool))
