@@ -11,9 +11,10 @@ Bool = NDArray[np.bool_]
 
 
 def readonly(values: ArrayLike) -> Float:
-    """A float64 array that nobody can write to; copies only what is not already one."""
+    """A float64 array that nobody can write to: the given one if it is such already, else a copy."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable:
-        array = array.copy() if array is values or array.base is not None else array
+        if isinstance(values, np.ndarray) and np.may_share_memory(array, values):
+            array = array.copy()
         array.setflags(write=False)
     return array

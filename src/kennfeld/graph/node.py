@@ -4,10 +4,11 @@ A graph computes outputs and next states from inputs, parameters and states. Mem
 a value that is read `latency` steps after it was written. `prev` is latency 1, a delay of n steps latency n.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from kennfeld.graph.operations import OPERATIONS
 
@@ -93,7 +94,7 @@ class Builder:
         self._index: dict[tuple[Any, ...], int] = {}
 
     @classmethod
-    def of(cls, graph: Graph) -> "Builder":
+    def of(cls, graph: Graph) -> Self:
         """A builder that goes on from a graph; its nodes keep their numbers."""
         made = cls()
         for op, args, payload in graph.nodes:
@@ -112,7 +113,7 @@ class Builder:
 
     def const(self, value: float) -> int:
         """A constant."""
-        return self.node("const", (), float(value))
+        return self.node("const", (), math.nan if math.isnan(value) else float(value))  # one NaN, so that == holds
 
     def input(self, name: str) -> int:
         """A channel of the measurement."""
@@ -124,6 +125,8 @@ class Builder:
 
     def call(self, op: str, *args: int) -> int:
         """An elementwise operation of `OPERATIONS`; constants are folded, neutral elements dropped."""
+        if op == "select" and self.nodes[args[0]].op == "const":
+            return args[1] if self.nodes[args[0]].payload else args[2]
         if all(self.nodes[a].op == "const" for a in args):
             return self.const(OPERATIONS[op].evaluate(*(self.nodes[a].payload for a in args)))
         return self._neutral(op, args) if op in _NEUTRAL else self.node(op, args)
@@ -215,22 +218,51 @@ def extract(
     for which in waiting:  # grows while it is walked: a state may need further states
         visit(states[which].init)
         visit(states[which].next)
+    renamed = {name: number[at] for name, at in names.items()}
+    memories = tuple(State(number[states[w].init], number[states[w].next], states[w].latency) for w in waiting)
     return Graph(
         tuple(kept),
-        MappingProxyType({name: number[at] for name, at in names.items()}),
-        tuple(State(number[states[w].init], number[states[w].next], states[w].latency) for w in waiting),
+        MappingProxyType(renamed),
+        memories,
         MappingProxyType(dict(units)),
-        tuple(outputs) or _sinks(kept, states, names, number, waiting),
+        tuple(outputs) or _sinks(kept, memories, renamed),
     )
 
 
-def _sinks(
-    kept: Sequence[Node],
-    states: Sequence[State],
-    names: Mapping[str, int],
-    number: Mapping[int, int],
-    waiting: Iterable[int],
-) -> tuple[str, ...]:
-    used = {a for node in kept for a in node.args}
-    used |= {number[s] for which in waiting for s in (states[which].init, states[which].next)}
-    return tuple(name for name, at in names.items() if number[at] not in used)
+def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, int]) -> tuple[str, ...]:
+    """Names that no other name uses; feedback through memory onto itself does not count."""
+    named = set(names.values())
+    needs = {at: _nearest_named(nodes, states, at, named) for at in named}
+    users: dict[int, set[int]] = {at: set() for at in named}
+    for user, used in needs.items():
+        for at in used - {user}:
+            users[at].add(user)
+    return tuple(name for name, at in names.items() if not users[at] or users[at] <= _all_needs(at, needs))
+
+
+def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, named: Collection[int]) -> set[int]:
+    """The named nodes that a node is computed from, without those behind them."""
+    found: set[int] = set()
+    seen: set[int] = set()
+    stack = [root]
+    while stack:
+        op, args, payload = nodes[stack.pop()]
+        behind = (states[payload].init, states[payload].next) if op == "state" else args
+        for at in behind:
+            if at in named:
+                found.add(at)
+            elif at not in seen:
+                seen.add(at)
+                stack.append(at)
+    return found
+
+
+def _all_needs(root: int, needs: Mapping[int, set[int]]) -> set[int]:
+    """The named nodes that a named node is computed from, however indirectly."""
+    seen: set[int] = set()
+    stack = [root]
+    while stack:
+        for at in needs[stack.pop()] - seen:
+            seen.add(at)
+            stack.append(at)
+    return seen

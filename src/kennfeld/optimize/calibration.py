@@ -18,6 +18,7 @@ from kennfeld.optimize.projection import project
 from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.threads import blas_threads
 
 __all__ = ["Options", "Progress", "run"]
 
@@ -44,7 +45,9 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
-    return _Run(problem, options, progress, seconds or Seconds()).result()
+    running = _Run(problem, options, progress, seconds or Seconds())
+    with blas_threads(running.exact.values.free):
+        return running.result()
 
 
 class _Run:
