@@ -1,1 +1,93 @@
-"""Kennfeld calibrates physics-based sensor models of engine control units."""
+"""Kennfeld calibrates physics-based sensor models of engine control units.
+
+Every public name is loaded when it is first used, so that `import kennfeld` costs nothing.
+
+>>> import kennfeld as kf
+>>> result = kf.calibrate("y = a + b * x", {"x": [0, 1, 2], "target": [1, 3, 5]}, {"a": 0, "b": 0}, target="target")
+>>> round(result.parameters["b"].value, 6)
+2.0
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kennfeld.calfiles import read as read_parameters
+    from kennfeld.dataset import Channel, Dataset
+    from kennfeld.errors import InputError, KennfeldError
+    from kennfeld.graph import Graph
+    from kennfeld.measurement import read
+    from kennfeld.models import Model
+    from kennfeld.models.formula import formula
+    from kennfeld.optimize import Criterion, Limit, Options, Pin, Result, Stop, calibrate, simulate
+    from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+    from kennfeld.project import Project
+
+__all__ = [
+    "Axis",
+    "Block",
+    "Channel",
+    "Criterion",
+    "Cube",
+    "Curve",
+    "Dataset",
+    "Graph",
+    "InputError",
+    "KennfeldError",
+    "Limit",
+    "Map",
+    "Model",
+    "Options",
+    "ParameterSet",
+    "Pin",
+    "Project",
+    "Result",
+    "Scalar",
+    "Stop",
+    "Text",
+    "calibrate",
+    "formula",
+    "read",
+    "read_parameters",
+    "simulate",
+]
+
+__version__ = "0.1.0"
+
+_ROOMS = {
+    "calfiles": ("read_parameters",),
+    "dataset": ("Channel", "Dataset"),
+    "errors": ("InputError", "KennfeldError"),
+    "graph": ("Graph",),
+    "measurement": ("read",),
+    "models": ("Model",),
+    "models.formula": ("formula",),
+    "optimize": ("Criterion", "Limit", "Options", "Pin", "Result", "Stop", "calibrate", "simulate"),
+    "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
+    "project": ("Project",),
+}
+_ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
+_NAME_INSIDE = {"read_parameters": "read"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ROOM_OF:
+        from kennfeld.errors import nearest
+
+        raise AttributeError(f"module 'kennfeld' has no attribute {name!r}. {nearest(name, __all__)}".strip())
+    found = getattr(import_module(f"kennfeld.{_ROOM_OF[name]}"), _NAME_INSIDE.get(name, name))
+    globals()[name] = found
+    if name not in _ROOMS["errors"]:
+        _connect_formats()
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _connect_formats() -> None:
+    """Let `ParameterSet.save` find the calibration formats, which load when a file is saved."""
+    from kennfeld.parameters import use_writer
+
+    use_writer(lambda parameters, path: import_module("kennfeld.calfiles").write(parameters, path))

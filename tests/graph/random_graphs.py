@@ -68,7 +68,9 @@ class Case:
 
 
 @st.composite
-def cases(draw, *, states=None, max_latency=3, max_states=3, max_outputs=3, operations=14, nan=True, kinks=True, nested=False):
+def cases(
+    draw, *, states=None, max_latency=3, max_states=3, max_outputs=3, operations=14, nan=True, kinks=True, nested=False
+):
     """A `Case`. `states` None leaves open whether it has memory; `nested` makes sure of a lookup of lookups."""
     seed = draw(st.integers(0, 2**32 - 1))
     random = np.random.default_rng(seed)

@@ -81,7 +81,10 @@ def test_operations_chain(op):
 
     _, found = slopes(expression, k=0.7, m=0.9)
     h = 1e-6
-    expected = [(value(0.7 + h, 0.9) - value(0.7 - h, 0.9)) / (2 * h), (value(0.7, 0.9 + h) - value(0.7, 0.9 - h)) / (2 * h)]
+    expected = [
+        (value(0.7 + h, 0.9) - value(0.7 - h, 0.9)) / (2 * h),
+        (value(0.7, 0.9 + h) - value(0.7, 0.9 - h)) / (2 * h),
+    ]
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-8)
 
 
@@ -229,7 +232,9 @@ def test_a_lookup_of_parameters_has_the_slopes_of_finite_differences(dimensions)
     make = [None, Curve, Map][dimensions] if dimensions < 3 else None
     table = make("T", *axes, values) if make else Cube("T", axes, values)
     b = Builder()
-    coordinates = [b.call("add", b.input("x"), b.call("mul", b.lookup(f"K{i}"), b.input("z"))) for i in range(dimensions)]
+    coordinates = [
+        b.call("add", b.input("x"), b.call("mul", b.lookup(f"K{i}"), b.input("z"))) for i in range(dimensions)
+    ]
     graph = b.finish({"y": b.lookup("T", *coordinates)})
     held = ParameterSet([table, *(Scalar(f"K{i}", 0.3 * i + 0.2) for i in range(dimensions))])
     columns = {"x": random.uniform(-1, 1, 20), "z": random.uniform(-1, 1, 20)}

@@ -39,6 +39,19 @@ def test_a_position_of_what_is_not_a_number_is_none(extrapolation):
     assert np.isnan(position(np.array([np.nan]), POINTS[:1], extrapolation)).all()
 
 
+@pytest.mark.parametrize("extrapolation", ["clip", "linear"])
+@pytest.mark.parametrize("points", [POINTS, POINTS[:1]])
+def test_a_lookup_at_infinity_warns_of_nothing(points, extrapolation):
+    place = position(np.array([np.inf, -np.inf]), points, extrapolation)
+    interpolate(np.arange(1.0, points.size + 1), [cell_weights(place, points.size)[0]])
+    density(np.array([np.inf, -np.inf]), points, extrapolation)
+
+
+def test_a_table_that_holds_infinity_warns_of_nothing():
+    weights, _ = cell_weights(np.array([1.0, 0.5]), 3)
+    assert interpolate(np.array([2.0, 4.0, np.inf]), [weights]).tolist() == [4.0, 3.0]
+
+
 def test_a_single_breakpoint_holds_everything():
     assert position(np.array([-3.0, 1.0, 1e9]), np.array([1.0]), "linear").tolist() == [0.0, 0.0, 0.0]
     assert density(np.array([-3.0, 1.0, 1e9]), np.array([1.0]), "linear").tolist() == [0.0, 0.0, 0.0]

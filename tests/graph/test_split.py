@@ -96,7 +96,10 @@ def test_a_state_of_data_alone_becomes_a_column():
 def test_a_fixed_parameter_counts_as_data():
     b = Builder()
     graph = lowered(
-        {"y": b.call("add", b.lookup("C", b.input("x")), b.lookup("K"))}, b, Scalar("K", 1.0), Curve("C", [0, 1], [2, 3])
+        {"y": b.call("add", b.lookup("C", b.input("x")), b.lookup("K"))},
+        b,
+        Scalar("K", 1.0),
+        Curve("C", [0, 1], [2, 3]),
     )
     parts = split(graph, ["y"], ["K"])
     assert [graph.nodes[at].op for at in parts.columns.values()] == ["interpolate"]

@@ -52,7 +52,9 @@ def lag():
     state = b.state()
     target = b.lookup("M", b.input("u"), state)
     share = b.call("mul", b.const(0.3), b.call("tanh", b.lookup("C", b.input("v"))))
-    b.close(state, b.lookup("C", b.input("w")), b.call("add", state, b.call("mul", share, b.call("sub", target, state))))
+    b.close(
+        state, b.lookup("C", b.input("w")), b.call("add", state, b.call("mul", share, b.call("sub", target, state)))
+    )
     return b.finish({"y": b.call("add", state, b.lookup("K"))})
 
 

@@ -88,7 +88,9 @@ class Scored:
 
 def scored(case: Case, criterion: Criterion, values: np.ndarray) -> Scored:
     """How the values of a criterion's node count."""
-    score = np.concatenate([np.full(b - a, s) for a, b, s in zip(case.starts, case.ends, criterion.scores, strict=True)])
+    score = np.concatenate(
+        [np.full(b - a, s) for a, b, s in zip(case.starts, case.ends, criterion.scores, strict=True)]
+    )
     with np.errstate(all="ignore"):
         r = (values - criterion.target) / criterion.scale
         rho, weight = loss(r, criterion.loss, criterion.delta)
@@ -120,7 +122,7 @@ def sums(case: Case, outputs: np.ndarray) -> Sums:
 
 
 def weighted_rows(case: Case, outputs: np.ndarray):
-    """Residuals and rows times the square root of their weight, 0 where not scored: as `Accumulator.rows` gives them."""
+    """Residuals and rows times the root of their weight, as `Accumulator.rows` gives them; 0 where not scored."""
     residual, jacobian = outputs[:, :, 0].copy(), outputs[:, :, 1:].copy()
     for at, criterion in enumerate(case.criteria):
         s = scored(case, criterion, outputs[:, at, 0])

@@ -3,7 +3,6 @@ import os
 
 import numpy as np
 import pytest
-from models import MODELS, case, coupled, lag, parameters, static
 from noise import assert_close, spread
 from random_graphs import LOSSES
 from reference import compiled, sums
@@ -11,6 +10,7 @@ from reference import compiled, sums
 from kennfeld.graph import Builder
 from kennfeld.native import accumulator as module
 from kennfeld.parameters import Curve, ParameterSet, Scalar
+from models import MODELS, case, coupled, lag, parameters, static
 
 STARTS = (0, 1, 170, 171, 400)
 both = pytest.mark.parametrize("model", sorted(MODELS))

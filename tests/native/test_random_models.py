@@ -42,7 +42,9 @@ def check_sums(made, widths=None):
     scale = 10.0 * np.array([1 / c.scale for c in case.criteria])[None, :, None]
     finite = np.isfinite(exact).all(axis=2, keepdims=True)
     same = ok.all(axis=2, keepdims=True) & finite
-    noise = scale * change.max(axis=2, keepdims=True) * (1 + np.where(finite, np.abs(exact), 0).max(axis=2, keepdims=True))
+    noise = (
+        scale * change.max(axis=2, keepdims=True) * (1 + np.where(finite, np.abs(exact), 0).max(axis=2, keepdims=True))
+    )
     assert_close(residual, expected_residual[:, :, None], noise, same, "residual")
     assert_close(jacobian, expected_jacobian, noise + 0 * jacobian, same & np.isfinite(expected_jacobian), "row")
     if not np.isfinite(jacobian).all():

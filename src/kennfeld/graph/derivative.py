@@ -99,6 +99,8 @@ def _reverse(b: Builder, root: int, active: Collection[int], is_atom: Callable[[
     sums.add(root, b.const(1.0), switched=False)
     found: dict[int, int] = {}
     for at in order:
+        if at not in sums.total:  # reached through steps alone, as a comparison
+            continue
         adjoint, switched = sums.total[at], at in sums.switched
         node = b.nodes[at]
         if node.op == "state" or is_atom(node):

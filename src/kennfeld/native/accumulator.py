@@ -132,7 +132,7 @@ class Accumulator:
         for space in self._workspaces[1:]:
             first.matrix += space.matrix
             first.gradient += space.gradient
-        self.kernel.sweeps.fold(first.matrix.ctypes.data, self.kernel.values.free)
+        first.fold()
         return Normal(first.gradient, first.matrix)
 
     def _sum_run(self, space: Workspace, run: Run) -> None:

@@ -35,7 +35,7 @@ class Engine:
     def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> Callable[..., None]:
         """The compiled function with these (type, name) parameters; arrays are passed by their address."""
         address = self._engine.get_function_address(name)
-        made: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind] for kind, _ in parameters))(address)
+        made: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(address)
         made.engine = self
         called: Callable[..., None] = made
         return called

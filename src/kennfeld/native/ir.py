@@ -120,6 +120,21 @@ class Function:
         self.begin(done)
 
     @contextmanager
+    def walk(self, end: str | int) -> Iterator[tuple[str, str]]:
+        """Run the body for indices from 0 to before `end`; the body itself moves on, by storing to the second."""
+        counter = self.slot("i64")
+        head, body, done = self.label("head"), self.label("body"), self.label("done")
+        self.store("0", counter, kind="i64")
+        self.do(f"br label %{head}")
+        self.begin(head)
+        index = self.load(counter, kind="i64")
+        self.do(f"br i1 {self.new(f'icmp slt i64 {index}, {end}')}, label %{body}, label %{done}")
+        self.begin(body)
+        yield index, counter
+        self.do(f"br label %{head}")
+        self.begin(done)
+
+    @contextmanager
     def when(self, condition: str) -> Iterator[None]:
         """Run the body where an i1 holds."""
         body, done = self.label("then"), self.label("end")

@@ -12,8 +12,10 @@ from functools import cache, cached_property
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
 
-__all__ = ["Pattern", "Sweeps", "sweeps"]
+__all__ = ["VECTOR", "Pattern", "Sweeps", "sweeps"]
 
+TERMS = 4  # factors of S that are added at once: more no longer fit the registers
+VECTOR = 8  # rows of S are padded to a multiple of this; what goes over the end of a matrix row adds zeros
 ZERO, HALF = literal(0.0), literal(0.5)
 Rows = list[str]
 
@@ -31,6 +33,11 @@ class Pattern:
     def carried(self) -> int:
         """How many states carry the influence of a free value."""
         return len(self.latencies)
+
+    @property
+    def batch(self) -> int:
+        """Samples in a row with the same columns that are added at once: as many as registers hold the factors of."""
+        return max(1, TERMS // max(self.carried, 1))
 
     @property
     def accumulates(self) -> bool:
@@ -57,7 +64,7 @@ class Sweeps:
     @cached_property
     def forward(self) -> Callable[..., None]:
         """See `_forward`."""
-        return _compiled(_forward(self.pattern))
+        return _compiled(*_forward(self.pattern))
 
     @cached_property
     def rows(self) -> Callable[..., None]:
@@ -76,8 +83,8 @@ def sweeps(pattern: Pattern) -> Sweeps:
     return Sweeps(pattern)
 
 
-def _compiled(f: Function) -> Callable[..., None]:
-    return Engine(f.text()).function(f.name, f.parameters)
+def _compiled(f: Function, *helpers: Function) -> Callable[..., None]:
+    return Engine("".join(g.text() for g in (*helpers, f))).function(f.name, f.parameters)
 
 
 def _row(f: Function, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
@@ -109,7 +116,7 @@ def _entries(f: Function, k: str, width: int) -> tuple[str, Callable[[str], tupl
 
 
 ENTRIES = (("ptr", "index"), ("ptr", "slope"), ("ptr", "count"), ("i64", "room"))
-SUMS = (("ptr", "matrix"), ("i64", "columns"), ("ptr", "gradient"))
+SUMS = (("ptr", "matrix"), ("i64", "columns"), ("ptr", "gradient"))  # columns from one row of the matrix to the next
 
 
 def _normal(pattern: Pattern) -> Function:
@@ -173,34 +180,190 @@ def _backward(pattern: Pattern) -> Function:
     return f
 
 
-def _forward(pattern: Pattern) -> Function:
-    """`forward(length, ..., sensitivities, width, entries, sums)`: the sums, from S at the first sample to S after.
+def _forward(pattern: Pattern) -> list[Function]:
+    """`forward(length, ..., sensitivities, width, reach, entries, sums)`: sums, from S at the first sample to S after.
 
-    `sensitivities` is S, n rows of `width`, the columns that can reach a state.
+    `sensitivities` holds S, n rows of `width`, the columns that can reach a state, with room for `batch` more of them;
+    `reach` has room for `batch` n doubles an entry. Neighbouring samples mostly touch the same columns: several at once
+    load and store the matrix once.
     """
-    m, n = pattern.outputs, pattern.carried
+    n, batch = pattern.carried, pattern.batch
     names = ("residual", "weight", "c", "a", "q_next", "l_next", "sensitivities")
-    head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width")]
+    head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "reach")]
     f = Function("forward", [*head, *ENTRIES, *SUMS])
-    s = [f.at("%sensitivities", f.mul("%width", i)) for i in range(n)]
-    with f.loop(0, "%length") as k:
-        residual, weight = _row(f, "%residual", k, m), _row(f, "%weight", k, m)
-        c, a = _row(f, "%c", k, m * n, pattern.c), _row(f, "%a", k, n * n, pattern.a)
-        q, l = _row(f, "%q_next", k, n * n), _row(f, "%l_next", k, n)  # noqa: E741
-        count, read = _entries(f, k, m + n)
-        with f.loop(0, count) as e:
-            column, slopes = read(e)
-            wd = [f.fmul(w, d) for w, d in zip(weight, slopes[:m], strict=True)]
-            qb = [_dot(f, q[i * n : i * n + n], slopes[m:]) for i in range(n)]
-            f.increase(f.fadd(_dot(f, slopes[m:], l), _dot(f, wd, residual)), "%gradient", column)
-            _pairs(f, e, column, read, lambda other: _dot(f, [*wd, *qb], other), slopes)
-            reach = [f.fadd(_dot(f, a[i::n], qb), _dot(f, c[i::n], wd)) for i in range(n)]
-            _add_rows(f, f.at("%matrix", f.mul(column, "%columns")), s, reach)
-        _step_sensitivities(f, s, a)
-        with f.loop(0, count) as e:
-            column, slopes = read(e)
-            for i in range(n):
-                f.increase(slopes[m + i], s[i], column)
+    with f.walk("%length") as (k, position):
+        together = f.slot("i64")
+        f.store("0", together, kind="i64")
+        if batch > 1:
+            with f.when(f.new(f"icmp sle i64 {f.add(k, batch)}, %length")):
+                _compare_columns(f, k, batch, together)
+        many = f.new(f"icmp ne i64 {f.load(together, kind='i64')}, 0")
+        with f.when(many):
+            _add_batch(f, pattern, k, batch)
+            f.store(f.add(k, batch), position, kind="i64")
+        with f.when(f.new(f"xor i1 {many}, true")):
+            _add_batch(f, pattern, k, 1)
+            f.store(f.add(k, 1), position, kind="i64")
+    return [f, *(_add_rows_function(count, n * size) for count in (1, 2) for size in sorted({1, batch}))]
+
+
+def _compare_columns(f: Function, k: str, batch: int, result: str) -> None:
+    """Set `result` to 1 if the `batch` samples from k on touch the same columns."""
+    differ = f.slot("i32")
+    f.store("0", differ, kind="i32")
+
+    def compare(first: str, others: Rows) -> None:
+        for other in others:
+            changed = f.new(f"xor i32 {first}, {other}")
+            f.store(f.new(f"or i32 {f.load(differ, kind='i32')}, {changed}"), differ, kind="i32")
+
+    samples = [f.add(k, i) for i in range(batch)]
+    first, *others = (f.load("%count", sample, "i32") for sample in samples)
+    compare(first, others)
+    rows = [f.at("%index", f.mul(sample, "%room"), "i32") for sample in samples]
+    with f.loop(0, f.new(f"sext i32 {first} to i64")) as e:
+        head, *tail = (f.load(row, e, "i32") for row in rows)
+        compare(head, tail)
+    same = f.new(f"icmp eq i32 {f.load(differ, kind='i32')}, 0")
+    f.store(f.new(f"zext i1 {same} to i64"), result, kind="i64")
+
+
+def _add_batch(f: Function, pattern: Pattern, k: str, size: int) -> None:
+    """Add `size` samples from k on, which touch the same columns, and carry S over them."""
+    n = pattern.carried
+    terms = [_Terms(f, pattern, f.add(k, i)) for i in range(size)]
+    count = terms[0].count
+    with f.loop(0, count) as e:
+        column = terms[0].column(e)
+        found = [term.of_entry(e) for term in terms]
+        f.increase(_sum(f, [entry.gradient for entry in found]), "%gradient", column)
+        row = f.at("%matrix", f.mul(column, "%columns"))
+        f.increase(f.fmul(HALF, _sum(f, [_dot(f, entry.weighted, entry.slopes) for entry in found])), row, column)
+        with f.loop(0, e) as other:
+            products = [_dot(f, en.weighted, term.slopes(other)) for en, term in zip(found, terms, strict=True)]
+            f.increase(_sum(f, products), row, terms[0].column(other))
+        for i, entry in enumerate(found):
+            for number, factor in enumerate(entry.reach):
+                f.store(factor, "%reach", f.add(f.mul(e, size * n), i * n + number))
+    if size > 1:
+        for i, term in enumerate(terms):
+            _step_sensitivities(f, term, n, i, i + 1)
+    _add_sensitivities(f, terms[0], n * size)
+    if size > 1:
+        with f.loop(0, f.mul(_whole(f), n)) as j:
+            f.store(f.load(_sensitivity(f, n, size, 0), j), "%sensitivities", j)
+    else:
+        _step_sensitivities(f, terms[0], n, 0, 0)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """What one entry adds: slopes, slopes times weight or Q, its part of the gradient, and the factors of S."""
+
+    slopes: Rows
+    weighted: Rows
+    gradient: str
+    reach: Rows
+
+
+class _Terms:
+    """The tape of one sample, loaded."""
+
+    def __init__(self, f: Function, pattern: Pattern, k: str) -> None:
+        m, n = pattern.outputs, pattern.carried
+        self.f, self.m, self.n = f, m, n
+        self.residual, self.weight = _row(f, "%residual", k, m), _row(f, "%weight", k, m)
+        self.c, self.a = _row(f, "%c", k, m * n, pattern.c), _row(f, "%a", k, n * n, pattern.a)
+        self.q, self.l = _row(f, "%q_next", k, n * n), _row(f, "%l_next", k, n)
+        self.count, self._read = _entries(f, k, m + n)
+
+    def column(self, e: str) -> str:
+        """Column of entry e."""
+        return self._read(e)[0]
+
+    def slopes(self, e: str) -> Rows:
+        """Slopes of entry e: of the outputs, then of the next states."""
+        return self._read(e)[1]
+
+    def of_entry(self, e: str) -> _Entry:
+        """Everything that entry e adds to the sums."""
+        f, m, n = self.f, self.m, self.n
+        slopes = self.slopes(e)
+        wd = [f.fmul(w, d) for w, d in zip(self.weight, slopes[:m], strict=True)]
+        qb = [_dot(f, self.q[i * n : i * n + n], slopes[m:]) for i in range(n)]
+        gradient = f.fadd(_dot(f, slopes[m:], self.l), _dot(f, wd, self.residual))
+        reach = [f.fadd(_dot(f, self.a[i::n], qb), _dot(f, self.c[i::n], wd)) for i in range(n)]
+        return _Entry(slopes, [*wd, *qb], gradient, reach)
+
+
+def _whole(f: Function) -> str:
+    """The width, told to be whole vectors, so that loops over it have no rest to do one by one."""
+    return f.new(f"and i64 %width, -{VECTOR}")
+
+
+def _sum(f: Function, terms: Rows) -> str:
+    total = terms[0]
+    for term in terms[1:]:
+        total = f.fadd(total, term)
+    return total
+
+
+def _sensitivity(f: Function, n: int, slot: int, state: int) -> str:
+    """The row of S of one state, `slot` samples after the first."""
+    return f.at("%sensitivities", f.mul("%width", slot * n + state))
+
+
+def _step_sensitivities(f: Function, term: _Terms, n: int, from_: int, to: int) -> None:
+    """S of the next sample, A S + B."""
+    old_rows, new_rows = ([_sensitivity(f, n, slot, i) for i in range(n)] for slot in (from_, to))
+    with f.loop(0, _whole(f)) as j:
+        old = [f.load(row, j) for row in old_rows]
+        new = [_dot(f, term.a[i * n : i * n + n], old) for i in range(n)]
+        for row, value in zip(new_rows, new, strict=True):
+            f.store(value, row, j)
+    with f.loop(0, term.count) as e:
+        column, slopes = term.column(e), term.slopes(e)[term.m :]
+        for row, slope in zip(new_rows, slopes, strict=True):
+            f.increase(slope, row, column)
+
+
+def _add_sensitivities(f: Function, term: _Terms, factors: int) -> None:
+    """Add rows of S times `%reach` to the rows of the matrix, two rows at a time where they differ."""
+
+    def add(rows: Rows, e: str) -> None:
+        reach = f.at("%reach", f.mul(e, factors))
+        arguments = [*(("ptr", row) for row in rows), ("ptr", "%sensitivities"), ("i64", "%width"), ("ptr", reach)]
+        f.call(f"add_rows_{len(rows)}_{factors}", arguments)
+
+    def row(e: str) -> str:
+        return f.at("%matrix", f.mul(term.column(e), "%columns"))
+
+    with f.walk(term.count) as (e, position):
+        following = f.add(e, 1)
+        paired = f.slot("i64")
+        f.store("0", paired, kind="i64")
+        with f.when(f.new(f"icmp slt i64 {following}, {term.count}")):
+            differ = f.new(f"icmp ne i64 {term.column(e)}, {term.column(following)}")
+            f.store(f.new(f"zext i1 {differ} to i64"), paired, kind="i64")
+        two = f.new(f"icmp ne i64 {f.load(paired, kind='i64')}, 0")
+        with f.when(two):
+            add([row(e), row(following)], e)
+        with f.when(f.new(f"xor i1 {two}, true")):
+            add([row(e)], e)
+        f.store(f.add(following, f.load(paired, kind="i64")), position, kind="i64")
+
+
+def _add_rows_function(count: int, factors: int) -> Function:
+    """`add_rows_COUNT_FACTORS(rows..., sensitivities, width, factors)`: rows += factors times rows of S."""
+    rows = [f"row{i}" for i in range(count)]
+    pointers = [("ptr noalias", name) for name in (*rows, "sensitivities")]
+    f = Function(f"add_rows_{count}_{factors}", [*pointers, ("i64", "width"), ("ptr noalias", "factors")], "noinline")
+    given = [[f.load("%factors", i * factors + t) for t in range(factors)] for i in range(count)]
+    sources = [f.at("%sensitivities", f.mul("%width", t)) for t in range(factors)]
+    with f.loop(0, _whole(f)) as j:
+        values = [f.load(source, j) for source in sources]
+        for name, own in zip(rows, given, strict=True):
+            f.increase(_dot(f, own, values), f"%{name}", j)
     return f
 
 
@@ -208,18 +371,8 @@ def _add_rows(f: Function, target: str, rows: Rows, factors: Rows) -> None:
     """target[:width] += sum of factors times rows."""
     if all(factor == ZERO for factor in factors):
         return
-    with f.loop(0, "%width") as j:
+    with f.loop(0, _whole(f)) as j:
         f.increase(_dot(f, factors, [f.load(row, j) for row in rows]), target, j)
-
-
-def _step_sensitivities(f: Function, s: Rows, a: Rows) -> None:
-    """S <- A S, column by column."""
-    n = len(s)
-    with f.loop(0, "%width") as j:
-        old = [f.load(row, j) for row in s]
-        new = [_dot(f, a[i * n : i * n + n], old) for i in range(n)]
-        for row, value in zip(s, new, strict=True):
-            f.store(value, row, j)
 
 
 def _rows(pattern: Pattern) -> Function:
@@ -261,7 +414,7 @@ def _rows(pattern: Pattern) -> Function:
 def _next_rows(f: Function, s: Rows, a: Rows) -> None:
     """The next S, A S, without the entries' part."""
     n = len(s)
-    with f.loop(0, "%width") as j:
+    with f.loop(0, _whole(f)) as j:
         old = [f.load(row, j) for row in s]
         for i in range(n):
             f.store(_dot(f, a[i * n : i * n + n], old), f.at("%next", f.mul("%width", i)), j)
@@ -270,7 +423,7 @@ def _next_rows(f: Function, s: Rows, a: Rows) -> None:
 def _turn_rings(f: Function, s: Rows, latencies: Sequence[int]) -> None:
     """Put the next rows in the place of the oldest, and move on."""
     for i, latency in enumerate(latencies):
-        with f.loop(0, "%width") as j:
+        with f.loop(0, _whole(f)) as j:
             f.store(f.load(f.at("%next", f.mul("%width", i)), j), s[i], j)
         if latency > 1:
             following = f.add(f.load("%rings", i, "i64"), 1)
@@ -279,14 +432,14 @@ def _turn_rings(f: Function, s: Rows, latencies: Sequence[int]) -> None:
 
 
 def _fold() -> Function:
-    """`fold(matrix, columns)`: G becomes H = G + G', in blocks that fit a cache."""
-    f = Function("fold", [("ptr", "matrix"), ("i64", "columns")])
+    """`fold(matrix, columns, count)`: G of `count` columns becomes H = G + G', in blocks that fit a cache."""
+    f = Function("fold", [("ptr", "matrix"), ("i64", "columns"), ("i64", "count")])
     block = 32
-    blocks = f.new(f"sdiv i64 {f.add('%columns', block - 1)}, {block}")
+    blocks = f.new(f"sdiv i64 {f.add('%count', block - 1)}, {block}")
     with f.loop(0, blocks) as bi, f.loop(0, f.add(bi, 1)) as bj:
         top, left = f.mul(bi, block), f.mul(bj, block)
-        bottom = f.new(f"call i64 @llvm.smin.i64(i64 {f.add(top, block)}, i64 %columns)")
-        right = f.new(f"call i64 @llvm.smin.i64(i64 {f.add(left, block)}, i64 %columns)")
+        bottom = f.new(f"call i64 @llvm.smin.i64(i64 {f.add(top, block)}, i64 %count)")
+        right = f.new(f"call i64 @llvm.smin.i64(i64 {f.add(left, block)}, i64 %count)")
         with f.loop(top, bottom) as i:
             end = f.new(f"call i64 @llvm.smin.i64(i64 {right}, i64 {f.add(i, 1)})")
             row = f.at("%matrix", f.mul(i, "%columns"))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
+from kennfeld.native.sweeps import VECTOR
 
 __all__ = ["Workspace"]
 
@@ -27,7 +28,7 @@ class Workspace:
     def __init__(self, owner: Owner) -> None:
         kernel, length = owner.kernel, owner.length
         m, n, entries = len(kernel.outputs), kernel.pattern.carried, kernel.entries.room
-        columns, reach = kernel.values.free, kernel.values.reach
+        columns, self.width = kernel.values.free, _whole(kernel.values.reach)
         self.kernel, self.samples, self.widths = kernel, owner.samples, owner.widths
         self.memory = np.zeros(kernel.layout.memory)
         self.hints = np.zeros(kernel.hints, dtype=np.int64)
@@ -41,12 +42,14 @@ class Workspace:
         self.q, self.l = np.zeros((n, n)), np.zeros(n)
         self.q_next, self.l_next = np.zeros((length, n, n)), np.zeros((length, n))
         self.latencies = kernel.pattern.latencies
-        self.sensitivities, self.next = np.zeros((sum(self.latencies), reach)), np.zeros((n, reach))
+        slots = max(sum(self.latencies), (kernel.pattern.batch + 1) * n)
+        self.sensitivities = _aligned(slots, self.width, self.width)
+        self.next, self.reach = np.zeros((n, self.width)), np.zeros(entries * kernel.pattern.batch * n)
         self.turn = np.zeros(max(n, 1), dtype=np.int64)
-        self.gradient, self.matrix = np.zeros(columns), np.zeros((columns, columns))
+        self.gradient, self.matrix = np.zeros(columns), _aligned(columns, columns, _whole(columns))
         self._jacobian: Float | None = None
         self._entries = (_at(self.index), _at(self.slope), _at(self.count), entries)
-        self._sums = (_at(self.matrix), columns, _at(self.gradient))
+        self._sums = (_at(self.matrix), _whole(columns), _at(self.gradient))
         self._steps = (_at(self.residual), _at(self.weight), _at(self.c), _at(self.a))
         self._model: tuple[int, ...] = ()
 
@@ -78,6 +81,10 @@ class Workspace:
         """Add the tape to the sums, without states."""
         self.kernel.sweeps.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
 
+    def fold(self) -> None:
+        """Make the Gauss-Newton matrix of what was summed."""
+        self.kernel.sweeps.fold(*self._sums[:2], self.kernel.values.free)
+
     def backward(self, chunk: Chunk) -> None:
         """Q and L after each sample of the tape."""
         ends = (_at(self.q), _at(self.l), _at(self.q_next), _at(self.l_next))
@@ -85,15 +92,15 @@ class Workspace:
 
     def forward(self, chunk: Chunk) -> None:
         """Add the tape to the sums, and carry S over it."""
-        later = (_at(self.q_next), _at(self.l_next), _at(self.sensitivities), self.kernel.values.reach)
+        later = (_at(self.q_next), _at(self.l_next), _at(self.sensitivities), self.width, _at(self.reach))
         self.kernel.sweeps.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
         """Residuals and Jacobian of the tape, times the square root of the weights; S is carried over it."""
         columns, m = self.kernel.values.free, len(self.kernel.outputs)
         if self._jacobian is None:
-            self._jacobian = np.zeros((len(self.count) * m, columns))
-        carried = (_at(self.sensitivities), self.kernel.values.reach, _at(self.turn), _at(self.next))
+            self._jacobian = _aligned(len(self.count) * m, columns, columns)
+        carried = (_at(self.sensitivities), self.width, _at(self.turn), _at(self.next))
         jacobian = (_at(self._jacobian), columns)
         self.kernel.sweeps.rows(chunk.length, *self._steps[1:], *carried, *self._entries, *jacobian)
         residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
@@ -109,14 +116,26 @@ class Workspace:
         index, slope, counted = self._start
         count, n = int(counted[0]), self.kernel.pattern.carried
         columns = index[:count].astype(np.int64)
-        first = np.zeros((n, self.kernel.values.reach))
+        first = np.zeros((n, self.width))
         np.add.at(first.T, columns, slope[:count])
-        self.sensitivities[:] = np.repeat(first, self.latencies, axis=0)
+        self.sensitivities[: sum(self.latencies)] = np.repeat(first, self.latencies, axis=0)
         if add_start:
             used = np.unique(columns)
             part = first[:, used]
             self.matrix[np.ix_(used, used)] += 0.5 * part.T @ self.q @ part
             self.gradient[used] += part.T @ self.l
+
+
+def _whole(columns: int) -> int:
+    """Columns rounded up to whole vectors."""
+    return -(-columns // VECTOR) * VECTOR
+
+
+def _aligned(rows: int, columns: int, stride: int) -> Float:
+    """A matrix of zeros whose rows start on vectors if `stride` does, with room for a vector behind it."""
+    room = np.zeros(rows * stride + 2 * VECTOR)
+    skip = (-room.ctypes.data // 8) % VECTOR
+    return room[skip : skip + rows * stride].reshape(rows, stride)[:, :columns]
 
 
 def _at(array: NDArray[Any]) -> int:

@@ -10,8 +10,8 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Dataset
-from kennfeld.graph import Builder, Graph
-from kennfeld.graph.lowering import Lowered, lower
+from kennfeld.graph import OPERATIONS, Builder, Graph
+from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import Split, split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples, Simulator
@@ -108,7 +108,7 @@ class Compiled:
     def __init__(self, problem: Problem, *, smooth: bool = False, most: int | None = None) -> None:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
-        lowered = lower(problem.graph, parameters, free if smooth else ())
+        lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth else ())
         outputs = [difference(i) for i in range(len(problem.criteria))]
         self._split = split(lowered.graph, outputs, free)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
@@ -186,6 +186,26 @@ class Compiled:
         ]
         order = np.lexsort(cells[::-1]) if cells else np.arange(data.shape[1])
         return order[scored[order]] if not scored.all() else order
+
+
+def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
+    """The graph with `dt` a constant where all data have the same even step."""
+    steps = {float(step) for bound in bounds if "dt" in bound.columns for step in _extremes(bound.columns["dt"])}
+    if len(steps) != 1:
+        return graph
+    step = steps.pop()
+
+    def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
+        op, _, payload = graph.nodes[at]
+        if op == "input" and payload == "dt":
+            return b.const(step)
+        return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
+
+    return rewrite(graph, resolve)
+
+
+def _extremes(values: Float) -> list[float]:
+    return [values.min(), values.max()] if values.size else []
 
 
 BLOCK = 65536

@@ -1,0 +1,51 @@
+"""Kennfeld on the torque problem, as functions that `measure.apart` can call."""
+
+from typing import Any
+
+from benchmarks.torque_problem import PIN, TorqueProblem, problem
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["cost_at", "solve"]
+
+
+def _parameters(given: TorqueProblem, values: Any) -> ParameterSet:
+    changed = [given.parameters[n].with_values(given.part(values, n)) for n in given.offsets]
+    return given.parameters.with_parameters(*changed)
+
+
+def cost_at(points: list[list[float]]) -> dict[str, list[float]]:
+    """The cost at given values, to compare it with the other tools'."""
+    given = problem()
+    return {"costs": [_run(_parameters(given, given.whole(point)), max_iterations=0).cost_before for point in points]}
+
+
+def _run(start: ParameterSet, **options: Any) -> Any:
+    from kennfeld.optimize import Options, Pin, calibrate
+    from kennfeld.project.demo import torque
+
+    return calibrate(
+        torque.FORMULA,
+        torque.bench(),
+        start,
+        "Torque",
+        node="TorquePredict",
+        smoothness=torque.SMOOTHNESS,
+        pins=[Pin(*PIN)],
+        options=Options(**options),
+    )
+
+
+def solve(continuation: str) -> dict[str, Any]:
+    """Calibrate. The trace's seconds count from the end of compiling; stages on a smoothed model are left out."""
+    given = problem()
+    result = _run(given.parameters, continuation=continuation)
+    compiled = result.seconds.compile
+    exact = [line for line in result.trace if not line.stage.startswith("smooth")]
+    return {
+        "setup": compiled,
+        "seconds": result.seconds.optimize,
+        "values": given.flat(result.parameters)[given.kept].tolist(),
+        "trace": [(line.seconds - compiled, line.cost) for line in exact],
+        "note": "" if result.converged else result.status,
+        "evaluations": result.evaluations,
+    }

@@ -1,0 +1,71 @@
+"""Measurements in processes of their own, so that neither memory nor threads of one show in another."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+__all__ = ["apart", "installed", "repeated", "resident", "threads"]
+
+ROOT = Path(__file__).parents[1]
+POOLS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def threads(cores: int | None) -> int:
+    """How many threads a measurement on so many cores (None: all) may use."""
+    return cores or os.cpu_count() or 1
+
+
+def installed(*packages: str) -> bool:
+    """Whether all packages can be imported."""
+    return all(find_spec(package) is not None for package in packages)
+
+
+def apart(target: str, *, cores: int | None = None, timeout: float = 900.0, **arguments: Any) -> dict[str, Any]:
+    """What `module:function` returns in a fresh process, held to `cores` cores where the system can do that.
+
+    Arguments and result pass as JSON. A process that fails or lasts longer than `timeout` gives {"error": a sentence}.
+    """
+    environment = dict(os.environ)
+    if cores is not None:
+        environment |= dict.fromkeys(POOLS, str(cores)) | {"BENCHMARK_CORES": str(cores)}
+    command = [sys.executable, "-m", "benchmarks.worker", target, json.dumps(arguments)]
+    try:
+        done = subprocess.run(  # noqa: S603
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return {"error": f"did not end within {timeout:g} s"}
+    if done.returncode:
+        return {"error": (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]}
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def repeated(work: Callable[[], object], least: int = 3, lasting: float = 1.0, most: int = 50) -> dict[str, float]:
+    """Shortest and median duration of a call in s, called at least `least` times and for about `lasting` s."""
+    found: list[float] = []
+    while len(found) < least or (sum(found) < lasting and len(found) < most):
+        began = time.perf_counter()
+        work()
+        found.append(time.perf_counter() - began)
+    return {"best": min(found), "median": median(found), "runs": len(found)}
+
+
+def resident(*, peak: bool) -> int:
+    """Bytes of memory of this process: the most it ever had, or what it has now."""
+    if peak:
+        import resource
+
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+    return resident(peak=True)

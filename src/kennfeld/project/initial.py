@@ -1,0 +1,69 @@
+"""Today's calibration: the files of `[calibration] initial`, merged."""
+
+from kennfeld.calfiles import read
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.project.schema import ProjectFile
+
+__all__ = ["read_initial"]
+
+
+def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | None:
+    """The parameters of all initial files, later files winning; None, and findings, where one cannot be used."""
+    merged, origin, good = ParameterSet(), dict[str, str](), True
+    for name in file.calibration.initial:
+        try:
+            given = read(file.folder / name)
+        except InputError as error:
+            findings += error.findings
+            good = False
+            continue
+        clashes = [
+            _clash(file, merged[member.name], member, origin[member.name], name)
+            for member in given.parameters
+            if member.name in merged and not _alike(merged[member.name], member)
+        ]
+        findings += clashes
+        try:
+            merged = merged.merged(given)
+        except ArgumentError as error:
+            mend = "Files that share a group axis must agree on it."
+            findings.append(Finding(name, str(error), mend))
+            good = False
+        good = good and not clashes
+        origin |= dict.fromkeys(given, name)
+    return merged if good else None
+
+
+def _alike(one: Parameter, other: Parameter) -> bool:
+    """Whether both define the same table, whatever its values."""
+    same = one.kind == other.kind and one.values.shape == other.values.shape
+    return same and all(
+        a.breakpoints.tobytes() == b.breakpoints.tobytes() for a, b in zip(one.axes, other.axes, strict=True)
+    )
+
+
+def _clash(file: ProjectFile, one: Parameter, other: Parameter, first: str, second: str) -> Finding:
+    if one.kind == other.kind and one.values.shape == other.values.shape:
+        what = f"{one.name} has other breakpoints in {second} than in {first}"
+    else:
+        what = f"{one.name} is {described(one)} in {first} and {described(other)} in {second}"
+    mend = "Leave one of the files out, or remove the parameter from one of them."
+    return Finding(file.place("[calibration] initial"), what, mend)
+
+
+def described(parameter: Parameter) -> str:
+    """Kind and size, as a message gives them.
+
+    >>> from kennfeld.parameters import Curve
+    >>> described(Curve("C", [0, 1], [2, 3]))
+    'a curve of 2 values'
+    """
+    if parameter.kind == "scalar":
+        return "a scalar"
+    return f"a {parameter.kind} of {sized(parameter.values.shape)} values"
+
+
+def sized(shape: tuple[int, ...]) -> str:
+    """A shape as a message gives it: `18 x 14`."""
+    return " x ".join(map(str, shape)) or "1"

@@ -1,0 +1,273 @@
+"""The datasets of a project: files found and read, channels shifted and calculated, samples chosen."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from kennfeld.dataset import Channel, Dataset, concatenate
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.graph import Graph
+from kennfeld.measurement import describe, read
+from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
+from kennfeld.project.files import default_name, matching, near
+from kennfeld.project.schema import DatasetEntry, ProjectFile
+from kennfeld.project.shift import refined, shifted
+
+__all__ = ["Loaded", "Wanted", "load"]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The channels that a project reads, each with what it is for.
+
+    Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
+    """
+
+    required: Mapping[str, str] = field(default_factory=dict)
+    optional: Mapping[str, str] = field(default_factory=dict)
+    inputs: frozenset[str] = frozenset()
+    step: float | None = None
+
+
+@dataclass
+class Loaded:
+    """The datasets, and the names that the files offer where channels were missed."""
+
+    datasets: list[Dataset] = field(default_factory=list)
+    places: dict[str, str] = field(default_factory=dict)  # of each dataset, by its name
+    offered: dict[str, None] = field(default_factory=dict)
+    complete: bool = True
+
+
+def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: list[Finding]) -> Loaded:
+    """All datasets that can be read, and what is wrong with the others."""
+    loaded = Loaded()
+    for entry in file.datasets:
+        name = entry.name
+        try:
+            made = _Loading(file, entry, wanted, calculated, findings, loaded).dataset()
+        except InputError as error:
+            findings += error.findings
+            made = None
+        except ArgumentError as error:
+            findings.append(Finding(entry.place, str(error)))
+            made = None
+        if made is None:
+            loaded.complete = False
+        elif made.name in loaded.places:
+            what = f"two datasets are called {made.name}"
+            findings.append(Finding(f"{entry.place} name", what, "Give one of them a name of its own."))
+        else:
+            loaded.datasets.append(made)
+            loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
+    return loaded
+
+
+class _Loading:
+    """One dataset on its way in."""
+
+    def __init__(
+        self,
+        file: ProjectFile,
+        entry: DatasetEntry,
+        wanted: Wanted,
+        calculated: Calculated,
+        findings: list[Finding],
+        loaded: Loaded,
+    ) -> None:
+        self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
+        self.findings, self.loaded = findings, loaded
+        self.where: Graph | None = None
+        if entry.where:
+            self.where = read_expression(entry.where, f"{entry.place} where", findings)
+        conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
+        self.required = {**dict(wanted.required), **conditions}
+        self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
+        self.failed = bool(entry.where) and self.where is None
+
+    def dataset(self) -> Dataset | None:
+        """The dataset, or None where a finding says why there is none."""
+        paths = list(self._paths())
+        self._check_shift()
+        parts = [part for path, part in self._parts(paths) if self._has_samples(path, part)]
+        if not parts:
+            if not self.failed:
+                self._report("", "the dataset has no samples", "Check its files.")
+            return None
+        finished = self._finished(self._joined(paths, parts))
+        return None if self.failed else finished
+
+    def _report(self, key: str, what: str, mend: str = "") -> None:
+        self._keep([Finding(f"{self.entry.place} {key}".strip(), what, mend)])
+
+    def _keep(self, findings: Iterable[Finding]) -> None:
+        """Keep errors; the dataset is of no use then."""
+        self.findings += findings
+        self.failed = True
+
+    def _paths(self) -> Iterator[str]:
+        """The files, in the order of the patterns and sorted within each; each once."""
+        found: dict[str, None] = {}
+        for pattern in self.entry.files:
+            matches = matching(self.file.folder, pattern)
+            if not matches:
+                self._report("files", f"{pattern} matches no file", near(self.file.folder, pattern))
+            found |= dict.fromkeys(matches)
+        yield from found
+
+    def _check_shift(self) -> None:
+        used = {*self.calculated.needed([*self.required, *self.optional]), *self._channels(), *self.calculated.graphs}
+        for name in self.entry.shift or {}:
+            if name not in used:
+                mend = nearest(name, used) or "Name a channel of the files or a calculated one."
+                self._report("shift", f"nothing uses a channel {name}", mend)
+
+    def _channels(self) -> list[str]:
+        return self.calculated.recorded([*self.required, *self.optional])
+
+    def _parts(self, paths: Sequence[str]) -> Iterator[tuple[str, Dataset]]:
+        missed: dict[str, list[str]] = {}
+        listed: dict[str, None] = {}
+        for path in paths:
+            try:
+                yield path, read(path, self._channels() or None, self.entry.raster)
+            except InputError as error:
+                part = self._lenient(path, error, missed, listed)
+                if part is not None:
+                    yield path, part
+        self._report_missed(missed, listed)
+
+    def _lenient(
+        self, path: str, error: InputError, missed: dict[str, list[str]], listed: dict[str, None]
+    ) -> Dataset | None:
+        """The file without the optional channels that it lacks; keeps what it misses otherwise."""
+        try:
+            tables = describe(path).tables
+        except InputError:
+            self._keep(error.findings)
+            return None
+        names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out]]
+        self.loaded.offered |= dict.fromkeys(names)
+        absent = [name for name in self._channels() if name not in names]
+        needed = [name for name in self.calculated.recorded(self.required) if name in absent]
+        for name in needed:
+            missed.setdefault(name, []).append(Path(path).name)
+            listed |= dict.fromkeys(names)
+        if needed:
+            self.failed = True
+            return None
+        try:
+            return read(path, [name for name in self._channels() if name not in absent], self.entry.raster)
+        except InputError as again:
+            self._keep(again.findings)
+            return None
+
+    def _report_missed(self, missed: Mapping[str, Sequence[str]], listed: Mapping[str, None]) -> None:
+        for channel, files in missed.items():
+            place = files[0] + (f" and {len(files) - 1} more" if len(files) > 1 else "")
+            why = self.required.get(channel) or self._why_calculated(channel)
+            names = ", ".join(list(listed)[:8]) + (", ..." if len(listed) > 8 else "")
+            mend = nearest(channel, listed) or f"It has {names}."
+            if why.startswith("the input ") and channel not in self.file.channels.values():
+                mend += f' Name its channel in [channels]: {_key(channel)} = "...".'
+            self.findings.append(Finding(place, f"has no channel {channel}, {why}", mend))
+
+    def _why_calculated(self, channel: str) -> str:
+        for name, graph in self.calculated.graphs.items():
+            if channel in graph.inputs:
+                return f"which [calculated] {name} needs"
+        return "which the project needs"
+
+    def _has_samples(self, path: str, part: Dataset) -> bool:
+        if part.samples:
+            return True
+        what = "the file has no samples"
+        self.findings.append(Finding(Path(path).name, what, "Is it cut off?", severity="warning"))
+        return False
+
+    def _joined(self, paths: Sequence[str], parts: Sequence[Dataset]) -> Dataset:
+        """One dataset, each file a piece; a channel that some files lack is NaN there."""
+        every = {channel.name: channel for part in reversed(parts) for channel in part.channels}
+        self._check_units(parts)
+        whole = [
+            part.with_channels(
+                *(replace(c, values=np.full(part.samples, np.nan)) for n, c in every.items() if n not in part)
+            )
+            for part in parts
+        ]
+        name = self.entry.name or default_name(paths, self.entry.files[0])
+        joined = concatenate(name, whole) if len(whole) > 1 else whole[0]
+        use, weight = self.entry.use, self.entry.weight
+        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap)
+
+    def _check_units(self, parts: Sequence[Dataset]) -> None:
+        units: dict[str, str] = {}
+        for part in parts:
+            for channel in part.channels:
+                first = units.setdefault(channel.name, channel.unit)
+                if channel.unit != first and channel.unit and first:
+                    what = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
+                    place = f"{self.entry.place} files"
+                    self.findings.append(Finding(place, what, "Split the dataset.", severity="warning"))
+                    units[channel.name] = channel.unit
+
+    def _finished(self, dataset: Dataset) -> Dataset | None:
+        shift = self.entry.shift or {}
+        if not self._fits_time(dataset, shift):
+            return None
+        dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
+        names = [*self.required, *self.optional]
+        for name in self.calculated.needed(names):
+            if uses_clock(self.calculated.graphs[name]) and dataset.time is None:
+                what = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
+                self._keep([Finding(self.file.place(f"[calculated] {name}"), what, "Name the time channel `time`.")])
+                return None
+        dataset = self._chosen(self.calculated.added(dataset, names, shift))
+        if self.wanted.step is not None:
+            dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
+        return dataset
+
+    def _fits_time(self, dataset: Dataset, shift: Mapping[str, float]) -> bool:
+        """Whether what the entry says fits data without time stamps, where there are none."""
+        if dataset.time is not None:
+            return True
+        good = True
+        for key, value in (("warmup", self.entry.warmup), ("max_gap", self.entry.max_gap)):
+            if value > 0:
+                what = f"{key} = {value:g} s needs time, but the data have no time stamps"
+                self._report(key, what, "Name the time channel `time`, or remove the key.")
+                good = False
+        for name, by in shift.items():
+            if by != round(by):
+                what = f"{by:g} samples of {name}: data without time stamps can only be shifted by whole samples"
+                self._report("shift", what, "Write a whole number.")
+                good = False
+        if self.where is not None and uses_clock(self.where):
+            self._report("where", "the condition needs time, but the data have no time stamps")
+            good = False
+        return good
+
+    def _chosen(self, dataset: Dataset) -> Dataset:
+        """The dataset with the samples marked that count."""
+        scored = np.ones(dataset.samples, dtype=bool) if dataset.scored is None else dataset.scored.copy()
+        if self.where is not None:
+            values = evaluated(self.where, dataset)
+            scored &= np.isfinite(values) & (values != 0)
+            if not scored.any():
+                self._report("where", f"{self.entry.where} holds at no sample", "Check the condition.")
+        if self.entry.warmup > 0 and dataset.time is not None:
+            for piece in dataset.pieces:
+                time = dataset.time[piece]
+                scored[piece] &= time - time[0] >= self.entry.warmup
+            if not scored.any():
+                self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
+        return dataset if scored.all() else replace(dataset, scored=scored)
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii() else f'"{name}"'
+
+

@@ -1,0 +1,161 @@
+"""What a project file says, as frozen values; how it is written is known in `sections.py` alone."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Use
+from kennfeld.errors import Finding
+from kennfeld.parameters import Extrapolation
+
+__all__ = [
+    "DIRECTIONS",
+    "AxisEntry",
+    "CalibrationEntry",
+    "CriterionEntry",
+    "DatasetEntry",
+    "ModelEntry",
+    "OptimizerEntry",
+    "ParameterEntry",
+    "PinEntry",
+    "ProjectFile",
+    "Range",
+    "TargetEntry",
+]
+
+DIRECTIONS = ("x", "y", "z", "w")
+Range = Mapping[str, tuple[float, float]]  # by direction, ends included
+
+
+@dataclass(frozen=True)
+class ModelEntry:
+    """`[model]`."""
+
+    file: str
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class DatasetEntry:
+    """One `[[dataset]]`."""
+
+    place: str
+    files: tuple[str, ...]
+    name: str = ""
+    use: Use = "training"
+    weight: float = 1.0
+    raster: float | None = None
+    where: str = ""
+    warmup: float = 0.0
+    max_gap: float = 0.0
+    shift: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class AxisEntry:
+    """Where the breakpoints of an axis come from; exactly one way is filled in.
+
+    `breakpoints` as given or spread evenly; `group` names a group axis; `quantiles` asks for so many of the training
+    data's quantiles.
+    """
+
+    place: str
+    input: str = ""
+    breakpoints: tuple[float, ...] = ()
+    group: str = ""
+    quantiles: int = 0
+
+
+@dataclass(frozen=True)
+class PinEntry:
+    """One entry of `pin`."""
+
+    at: tuple[float, ...]
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterEntry:
+    """One `[parameters.NAME]`; None where a key is missing."""
+
+    place: str
+    name: str
+    axes: Mapping[str, AxisEntry]
+    unit: str | None = None
+    description: str | None = None
+    initial: Float | None = None
+    free: bool | None = None
+    bounds: tuple[Float, Float] | None = None
+    smoothness: float | Mapping[str, float] | None = None
+    lock: bool | Literal["no-data"] | tuple[Range, ...] = False
+    pins: tuple[PinEntry, ...] = ()
+    extrapolation: Extrapolation | None = None
+
+
+@dataclass(frozen=True)
+class TargetEntry:
+    """What a criterion compares its node with; a bare name is a channel, else a node."""
+
+    kind: Literal["name", "channel", "node", "number"]
+    name: str = ""
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class CriterionEntry:
+    """One `[[criterion]]`."""
+
+    place: str
+    node: str
+    target: TargetEntry
+    weight: float = 1.0
+    loss: Literal["square", "huber", "soft_l1"] = "square"
+    delta: float = 1.0
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class CalibrationEntry:
+    """`[calibration]`; `output` as file endings."""
+
+    initial: tuple[str, ...] = ()
+    output: tuple[str, ...] = ()
+    free: tuple[str, ...] = ("*",)
+
+
+@dataclass(frozen=True)
+class OptimizerEntry:
+    """`[optimizer]`."""
+
+    max_iterations: int = 200
+    tolerance: float = 1e-8
+    continuation: Literal["auto", "off"] = "auto"
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectFile:
+    """All of a project file; `findings` are the warnings about it."""
+
+    path: Path
+    name: str
+    model: ModelEntry
+    channels: Mapping[str, str]
+    calculated: Mapping[str, str]
+    datasets: tuple[DatasetEntry, ...]
+    calibration: CalibrationEntry
+    axes: Mapping[str, AxisEntry]
+    parameters: Mapping[str, ParameterEntry]
+    criteria: tuple[CriterionEntry, ...]
+    optimizer: OptimizerEntry
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def folder(self) -> Path:
+        """What the paths in the file are relative to."""
+        return self.path.parent
+
+    def place(self, part: str) -> str:
+        """How a finding names a part: `kennfeld.toml [model] file`."""
+        return f"{self.path.name} {part}"

@@ -1,0 +1,210 @@
+"""From the tables of a project file to its values; every problem of the file is found in one pass."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from kennfeld.calfiles import endings
+from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.schema import (
+    CalibrationEntry,
+    CriterionEntry,
+    DatasetEntry,
+    ModelEntry,
+    OptimizerEntry,
+    ProjectFile,
+    TargetEntry,
+)
+from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.table_sections import group_axis, parameter_entry
+from kennfeld.project.toml import read_toml
+
+__all__ = ["read_project"]
+
+_LATER_FORMATS = ("cdfx", "hex", "s19")
+
+
+def read_project(path: Path) -> ProjectFile:
+    """The values of a project file. Raises `InputError` with every problem of the file itself."""
+    findings: list[Finding] = []
+    root = Section(read_toml(path), path.name, findings)
+    file = ProjectFile(
+        path=path,
+        name=path.resolve().parent.name if path.stem == "kennfeld" else path.stem,
+        model=_model(root),
+        channels=root.text_table("channels"),
+        calculated=root.text_table("calculated"),
+        datasets=_datasets(root),
+        calibration=_calibration(root),
+        axes={name: group_axis(name, section) for name, section in root.named("axes").items()},
+        parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
+        criteria=_criteria(root),
+        optimizer=_optimizer(root),
+        findings=tuple(finding for finding in findings if finding.severity == "warning"),
+    )
+    for key in ("limit", "step"):
+        if root.get(key) not in (None, []):
+            root.report(f"[[{key}]]", f"[[{key}]] {NEXT}", "Remove it.")
+    _end(root)
+    if any(finding.severity == "error" for finding in findings):
+        raise InputError(findings)
+    return file
+
+
+def _end(root: Section) -> None:
+    """Report sections that no project file has, and keys that stand before the first section."""
+    known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
+    for key, value in root.values.items():
+        if key not in (*known, "optimizer", "limit", "step"):
+            what = "section" if isinstance(value, dict | list) else "key"
+            mend = nearest(key, [*known, "optimizer", "limit", "step"])
+            root.report(f"[{key}]" if what == "section" else key, f"is no {what} that a project file knows", mend)
+
+
+def _model(root: Section) -> ModelEntry:
+    section = root.section("model", 'Write [model] and file = "....kf".')
+    if section is None:
+        return ModelEntry("")
+    file = section.text("file")
+    if not section.has("file"):
+        section.report("file", "the key is missing", 'Write file = "....kf", the formula text.')
+    step = section.number("step", 0.0, 0.0, above=True) or None
+    section.end()
+    return ModelEntry(file, step)
+
+
+def _datasets(root: Section) -> tuple[DatasetEntry, ...]:
+    sections = root.sections("dataset")
+    if not sections and "dataset" not in root.values:
+        root.report("[[dataset]]", "the section is missing", 'Write [[dataset]] and files = ["..."].')
+    return tuple(_dataset(section) for section in sections)
+
+
+def _dataset(section: Section) -> DatasetEntry:
+    if not section.has("files"):
+        section.report("files", "the key is missing", 'Write files = ["..."].')
+    entry = DatasetEntry(
+        place=section.place,
+        files=section.texts("files"),
+        name=section.text("name"),
+        use="test" if section.choice("use", "training", ("training", "test")) == "test" else "training",
+        weight=section.number("weight", 1.0, 0.0),
+        raster=section.number("raster", 0.0, 0.0, above=True) or None,
+        where=section.text("where"),
+        warmup=section.number("warmup", 0.0, 0.0),
+        max_gap=section.number("max_gap", 0.0, 0.0),
+        shift=_shift(section),
+    )
+    section.end()
+    return entry
+
+
+def _shift(section: Section) -> dict[str, float]:
+    if not section.has("shift"):
+        return {}
+    if section.values["shift"] == "auto":
+        section.report("shift", f'shift = "auto" {NEXT}', "Give the shift of each channel.")
+        return {}
+    inner = section.inner("shift")
+    found = {}
+    for name, value in inner.values.items() if inner else ():
+        assert inner is not None
+        if value == "auto":
+            inner.report(name, f'shift = "auto" {NEXT}', "Give a number.")
+        else:
+            found[name] = inner.number(name, 0.0)
+    return found
+
+
+def _calibration(root: Section) -> CalibrationEntry:
+    section = root.section("calibration")
+    if section is None:
+        return CalibrationEntry()
+    entry = CalibrationEntry(
+        initial=section.texts("initial"),
+        output=tuple(ending for word in section.texts("output") if (ending := _ending(section, word))),
+        free=section.texts("free") if section.has("free") else ("*",),
+    )
+    section.end()
+    return entry
+
+
+def _ending(section: Section, word: str) -> str:
+    """The file ending of an output format; empty where there is none."""
+    ending = f".{word.casefold().removeprefix('.')}"
+    if ending in endings():
+        return ending
+    known = [known.removeprefix(".") for known in endings()]
+    if ending.removeprefix(".") in _LATER_FORMATS:
+        section.report("output", f"the format {word!r} {NEXT}", f"Choose from {', '.join(known)}.")
+    else:
+        mend = nearest(word, known) or f"Choose from {', '.join(known)}."
+        section.report("output", f"{word!r} is no calibration format", mend)
+    return ""
+
+
+def _criteria(root: Section) -> tuple[CriterionEntry, ...]:
+    sections = root.sections("criterion")
+    if not sections and "criterion" not in root.values:
+        root.report("[[criterion]]", "the section is missing", 'Write [[criterion]], node = "..." and target = "...".')
+    return tuple(_criterion(section) for section in sections)
+
+
+def _criterion(section: Section) -> CriterionEntry:
+    for key, example in (("node", '"..."'), ("target", '{ channel = "..." }')):
+        if not section.has(key):
+            section.report(key, "the key is missing", f"Write {key} = {example}.")
+    loss = section.choice("loss", "square", ("square", "huber", "soft_l1"))
+    if loss == "square" and "delta" in section.values:
+        section.report("delta", "delta has no meaning for the loss square", 'Write loss = "huber" or "soft_l1".')
+    entry = CriterionEntry(
+        place=section.place,
+        node=section.text("node"),
+        target=_target(section),
+        weight=section.number("weight", 1.0, 0.0),
+        loss="huber" if loss == "huber" else "soft_l1" if loss == "soft_l1" else "square",
+        delta=section.number("delta", 1.0, 0.0, above=True),
+        scale=section.number("scale", 1.0, 0.0, above=True),
+    )
+    section.end()
+    return entry
+
+
+def _target(section: Section) -> TargetEntry:
+    value: Any = section.get("target")
+    number = finite(value)
+    if number is not None:
+        return TargetEntry("number", value=number)
+    if isinstance(value, str) and value.strip():
+        return TargetEntry("name", value)
+    if not isinstance(value, dict):
+        if value is not None:
+            mend = 'Write { channel = "..." }, { node = "..." }, a number or a name.'
+            section.report("target", f"{value!r} is no target", mend)
+        return TargetEntry("number", value=math.nan)
+    inner = Section(value, f"{section.place} target", section.findings)
+    channel, node = inner.text("channel"), inner.text("node")
+    inner.end()
+    if len(inner.values.keys() & {"channel", "node"}) != 1:
+        inner.report("", "needs either a channel or a node", 'Write { channel = "..." } or { node = "..." }.')
+    return TargetEntry("channel", channel) if channel else TargetEntry("node", node)
+
+
+def _optimizer(root: Section) -> OptimizerEntry:
+    section = root.section("optimizer")
+    if section is None:
+        return OptimizerEntry()
+    section.choice("method", "gauss-newton", ("gauss-newton",), later=("global",))
+    if section.whole("starts", 1, 1) > 1:
+        section.report("starts", f"more than one start {NEXT}", "Write starts = 1.")
+    if section.whole("save_every", 0, 0) > 0:
+        section.report("save_every", f"save_every {NEXT}", "Write save_every = 0.")
+    section.whole("seed", 0, 0)
+    continuation = section.choice("continuation", "auto", ("auto", "off"))
+    entry = OptimizerEntry(
+        max_iterations=section.whole("max_iterations", 200, 1),
+        tolerance=section.number("tolerance", 1e-8, 0.0, above=True),
+        continuation="off" if continuation == "off" else "auto",
+    )
+    section.end()
+    return entry

@@ -1,0 +1,220 @@
+"""`[parameters.NAME]` and `[axes.NAME]` of a project file, and the axes in them."""
+
+from typing import Any, Literal
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.project.schema import DIRECTIONS, AxisEntry, ParameterEntry, PinEntry, Range
+from kennfeld.project.section import NEXT, Section, array
+
+__all__ = ["group_axis", "parameter_entry"]
+
+_MOST_POINTS = 100_000
+_WAYS = "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
+
+
+def parameter_entry(name: str, section: Section) -> ParameterEntry:
+    """One `[parameters.NAME]`."""
+    section.later("gradient")
+    extrapolation = section.choice("extrapolation", "clip", ("clip", "linear"))
+    entry = ParameterEntry(
+        place=section.place,
+        name=name,
+        axes=_axes(section),
+        unit=section.free_text("unit"),
+        description=section.free_text("description"),
+        initial=_initial(section),
+        free=section.flag("free"),
+        bounds=_bounds(section),
+        smoothness=_smoothness(section),
+        lock=_lock(section),
+        pins=_pins(section),
+        extrapolation=None if "extrapolation" not in section.values else "linear" if extrapolation != "clip" else "clip",
+    )
+    section.end()
+    return entry
+
+
+def group_axis(name: str, section: Section) -> AxisEntry:
+    """One `[axes.NAME]`."""
+    made = _axis(section)
+    section.end()
+    return made
+
+
+def _axes(section: Section) -> dict[str, AxisEntry]:
+    made = {}
+    for direction in DIRECTIONS:
+        if not section.has(direction):
+            continue
+        given = section.values[direction]
+        if isinstance(given, list):
+            section.report(direction, "breakpoints alone are no axis", f"Write {direction} = {{ breakpoints = [...] }}.")
+        elif inner := section.inner(direction):
+            made[direction] = _axis(inner, grouped=True)
+            inner.end()
+    return made
+
+
+def _axis(section: Section, *, grouped: bool = False) -> AxisEntry:
+    quantity = section.text("input")
+    if grouped and section.has("axis"):
+        if len(section.values) > 1:
+            section.report("", "a group axis brings its own breakpoints", 'Write { axis = "..." } alone.')
+        return AxisEntry(section.place, group=section.text("axis"))
+    spread = {key: section.number(key, np.nan) for key in ("begin", "end") if section.has(key)}
+    count = section.whole("count", 0, 2) if section.has("count") else 0
+    if section.has("breakpoints"):
+        if spread or count:
+            section.report("", "breakpoints stand beside begin, end or count", "Keep one of them.")
+        return AxisEntry(section.place, quantity, _breakpoints(section))
+    if count > _MOST_POINTS:
+        section.report("count", f"{count} breakpoints are more than {_MOST_POINTS}")
+    elif len(spread) == 2 and count:
+        return AxisEntry(section.place, quantity, _even(section, spread["begin"], spread["end"], count))
+    elif spread or not count:
+        if "count" not in section.values or spread:
+            ways = _WAYS + (' or { axis = "..." }' if grouped else "")
+            section.report("", f"the axis has {_listed(section)}", f"Write {ways}.")
+    return AxisEntry(section.place, quantity, quantiles=count)
+
+
+def _listed(section: Section) -> str:
+    return f"{', '.join(section.values)} alone" if section.values else "no breakpoints"
+
+
+def _even(section: Section, begin: float, end: float, count: int) -> tuple[float, ...]:
+    if not begin < end:
+        if np.isfinite(begin) and np.isfinite(end):
+            section.report("end", f"{end:g} must lie above begin, {begin:g}", "Exchange them.")
+        return ()
+    return tuple(np.linspace(begin, end, count).tolist())
+
+
+def _breakpoints(section: Section) -> tuple[float, ...]:
+    given = array(section.get("breakpoints"))
+    if isinstance(given, str):
+        section.report("breakpoints", given)
+    elif given.ndim != 1 or not np.all(np.isfinite(given)):
+        section.report("breakpoints", "must be one list of finite numbers")
+    else:
+        falling = np.flatnonzero(np.diff(given) <= 0)
+        if not falling.size:
+            return tuple(given.tolist())
+        at = int(falling[0])
+        what = f"breakpoints must increase: number {at + 2} ({given[at + 1]:g}) does not exceed number {at + 1}"
+        section.report("breakpoints", f"{what} ({given[at]:g})", "Sort them and remove equal ones.")
+    return ()
+
+
+def _initial(section: Section) -> Float | None:
+    if not section.has("initial"):
+        return None
+    given = array(section.values["initial"])
+    if isinstance(given, str):
+        section.report("initial", given)
+        return None
+    if not np.all(np.isfinite(given)):
+        at = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(given))[0])
+        where = f" number {', '.join(map(str, at))}" if at else ""
+        section.report("initial", f"value{where} is {given[tuple(i - 1 for i in at)]:g}", "Give a finite number.")
+        return None
+    return given
+
+
+def _bounds(section: Section) -> tuple[Float, Float] | None:
+    if not section.has("bounds"):
+        return None
+    given = section.values["bounds"]
+    if not isinstance(given, list) or len(given) != 2:
+        section.report("bounds", "must be a lower and an upper bound", "Write bounds = [lower, upper].")
+        return None
+    sides: list[Float] = []
+    for word, value in zip(("lower", "upper"), given, strict=True):
+        side = array(value)
+        if isinstance(side, str):
+            section.report("bounds", f"the {word} bound: {side}")
+        elif np.isnan(side).any():
+            section.report("bounds", f"the {word} bound is not a number", "Write inf or -inf for none.")
+        else:
+            sides.append(side)
+    return (sides[0], sides[1]) if len(sides) == 2 else None
+
+
+def _smoothness(section: Section) -> float | dict[str, float] | None:
+    given = section.get("smoothness")
+    if given is None:
+        return None
+    if isinstance(given, dict):
+        inner = Section(given, f"{section.place} smoothness", section.findings)
+        if "auto" in given.values():
+            inner.report("", f'"auto" {NEXT}', "Give numbers.")
+            return None
+        factors = {key: inner.number(key, 0.0, 0.0) for key in DIRECTIONS if inner.has(key)}
+        inner.end()
+        return factors
+    if given == "auto":
+        section.report("smoothness", f'"auto" {NEXT}', "Give a number.")
+        return None
+    return section.number("smoothness", 0.0, 0.0)
+
+
+def _lock(section: Section) -> bool | Literal["no-data"] | tuple[Range, ...]:
+    given = section.get("lock")
+    if isinstance(given, bool) or given is None:
+        return bool(given)
+    if given == "no-data":
+        return "no-data"
+    if not isinstance(given, list) or not all(isinstance(part, dict) for part in given):
+        mend = 'Write true, "no-data" or a list of ranges, [{ x = [0, 10] }].'
+        section.report("lock", f"{given!r} is no lock", mend)
+        return False
+    return tuple(_range(Section(part, f"{section.place} lock {i}", section.findings)) for i, part in enumerate(given, 1))
+
+
+def _range(section: Section) -> Range:
+    made = {}
+    for direction in DIRECTIONS:
+        if not section.has(direction):
+            continue
+        ends = _numbers(section.values[direction])
+        if ends is None or len(ends) != 2 or not ends[0] <= ends[1]:
+            section.report(direction, "must be a first and a last axis value", f"Write {direction} = [first, last].")
+        else:
+            made[direction] = (ends[0], ends[1])
+    if not section.values:
+        section.report("", "the range is empty", "Write lock = true for the whole table.")
+    section.end()
+    return made
+
+
+def _pins(section: Section) -> tuple[PinEntry, ...]:
+    given = section.get("pin")
+    if given is None:
+        return ()
+    if not isinstance(given, list) or not all(isinstance(part, dict) for part in given):
+        section.report("pin", f"{given!r} is no list of pins", "Write pin = [{ at = [...], value = ... }].")
+        return ()
+    return tuple(_pin(Section(part, f"{section.place} pin {i}", section.findings)) for i, part in enumerate(given, 1))
+
+
+def _pin(section: Section) -> PinEntry:
+    at: Any = section.get("at")
+    coordinates = () if at is None else _numbers(at if isinstance(at, list) else [at])
+    if coordinates is None:
+        section.report("at", f"{at!r} is no list of coordinates", "Write at = [x, y], one an axis.")
+    if not section.has("value"):
+        section.report("value", "the key is missing", "Write value = ...")
+    pin = PinEntry(coordinates or (), section.number("value", 0.0))
+    section.end()
+    return pin
+
+
+def _numbers(given: Any) -> tuple[float, ...] | None:
+    """A list of numbers; None where it is none. Infinite ones are allowed, as ends of a range."""
+    if not isinstance(given, list):
+        return None
+    found = array(given) if given else np.zeros(0)
+    return None if isinstance(found, str) or found.ndim != 1 or np.isnan(found).any() else tuple(found.tolist())
+

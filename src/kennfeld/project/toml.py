@@ -1,0 +1,69 @@
+"""The text of a project file as plain tables; syntax errors with their line."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from kennfeld.errors import Finding, InputError, nearest
+
+__all__ = ["read_toml"]
+
+_AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+_WIDEST = 120
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises `InputError` where it is missing, no text, or no TOML."""
+    text = _text(path)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError([_syntax(path.name, text, str(error))]) from None
+    except RecursionError:
+        raise InputError.of(path.name, "brackets are nested too deeply to be read") from None
+    except (ValueError, OverflowError) as error:  # numbers and dates that Python cannot hold
+        raise InputError.of(path.name, f"a value cannot be read: {error}") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError([_missing(path)]) from None
+    except OSError as error:
+        what = f"the project file cannot be read: {error.strerror or error}"
+        raise InputError.of(str(path), what, "Name a file that ends in .toml.") from None
+    if b"\0" in content:
+        raise InputError.of(path.name, "this is no text but a binary file", "A project file is TOML, as UTF-8 text.")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        what = f"byte {content[error.start]:#04x} is no UTF-8"
+        raise InputError.of(f"{path.name} line {line}", what, "Save the file as UTF-8.") from None
+
+
+def _missing(path: Path) -> Finding:
+    beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+    return Finding(str(path), "there is no such project file", nearest(path.name, beside) or "Check the path.")
+
+
+def _syntax(name: str, text: str, message: str) -> Finding:
+    found = _AT.search(message)
+    what = message[: found.start()] if found else message
+    if not found or found[1] is None:
+        last = text.rstrip().count("\n") + 1
+        return Finding(f"{name} line {last}", f"{what}: the file ends too early", "Is it cut off?")
+    line, column = int(found[1]), int(found[2])
+    shown = text.split("\n")[line - 1][:_WIDEST]
+    excerpt = f"{shown}\n{' ' * (column - 1)}^" if column <= _WIDEST else shown
+    return Finding(f"{name} line {line}, column {column}", what, _syntax_mend(what, shown), excerpt)
+
+
+def _syntax_mend(what: str, line: str) -> str:
+    if "\\" in line and ("escape" in what or "hex" in what):
+        return "Write paths with / or in single quotes."
+    if "Invalid value" in what:
+        return 'Text needs quotes: "text".'
+    return "Write key = value."

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from kennfeld.graph import OPERATIONS, Builder
+from kennfeld.graph.lowering import lower
+from kennfeld.native.elementwise import CONDITIONS, VALUES
+from kennfeld.native.engine import C_FUNCTIONS
+from kennfeld.native.simulator import Simulator
+from kennfeld.parameters import ParameterSet
+
+SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 0.49999999999999994, 3.0, 7.3, -0.3, 1e-310, -1e-310, 1e-8]
+SPECIAL += [1e8, -1e8, 1e17, 4503599627370497.0, 1e300, -1e300, np.inf, -np.inf, np.nan]
+NUMBERS = np.array(SPECIAL)
+
+
+def native(build, *columns):
+    """The node that `build(builder, *inputs)` gives, for columns of inputs."""
+    b = Builder()
+    names = [f"x{i}" for i in range(len(columns))]
+    graph = b.finish({"y": build(b, *(b.input(name) for name in names))})
+    low = lower(graph, ParameterSet())
+    simulator = Simulator(low, [low.graph.names["y"]], ParameterSet())
+    held = dict(zip(names, columns, strict=True))
+    return simulator.run(ParameterSet(), np.array([held[name] for name in simulator.inputs]))[0]
+
+
+def combinations(arity):
+    return [grid.ravel() for grid in np.meshgrid(*[NUMBERS] * arity)]
+
+
+def test_every_operation_can_be_emitted():
+    assert set(OPERATIONS) == {*VALUES, *CONDITIONS, "and", "or", "not", "select"}
+
+
+@pytest.mark.parametrize("op", sorted(set(OPERATIONS) - set(C_FUNCTIONS)))
+def test_an_operation_agrees_with_the_interpreter_bit_for_bit(op):
+    columns = combinations(OPERATIONS[op].arity)
+    got, expected = native(lambda b, *x: b.call(op, *x), *columns), OPERATIONS[op].evaluate(*columns)
+    np.testing.assert_array_equal(got, expected)
+    if op not in ("sign", "min", "max", "sub", "add"):  # which of two zeros, IEEE leaves open there
+        numbers = ~np.isnan(expected)
+        np.testing.assert_array_equal(np.signbit(got)[numbers], np.signbit(expected)[numbers])
+
+
+@pytest.mark.parametrize("op", sorted(set(C_FUNCTIONS) - {"erfc"}))
+def test_an_elementary_function_agrees_to_the_last_places(op):
+    random = np.random.default_rng(1)
+    columns = combinations(OPERATIONS[op].arity)
+    columns = [np.concatenate([c, random.uniform(-0.99, 0.99, 500), random.uniform(0, 30, 500)]) for c in columns]
+    got, expected = native(lambda b, *x: b.call(op, *x), *columns), OPERATIONS[op].evaluate(*columns)
+    np.testing.assert_allclose(got, expected, rtol=1e-15, atol=5e-324)
+
+
+@pytest.mark.parametrize("exponent", [*range(-17, 18), 0.5, -2.5, np.inf, np.nan])
+def test_a_power_with_a_constant_exponent(exponent):
+    bases = np.array([0.0, -0.0, 1.0, -1.0, 0.3, -1.7, 12.5, np.inf, -np.inf, np.nan])
+    got = native(lambda b, x: b.call("pow", x, b.const(exponent)), bases)
+    np.testing.assert_allclose(got, OPERATIONS["pow"].evaluate(bases, np.full(10, exponent)), rtol=1e-14)
+
+
+def test_a_constant_keeps_its_bits():
+    for value in SPECIAL:
+        got = native(lambda b, x, value=value: b.call("select", x, b.const(value), b.const(0.0)), np.ones(1))
+        np.testing.assert_array_equal(got, [value])
+
+
+def test_truth_can_be_calculated_with():
+    x = np.array([-1.0, 0.0, 2.0, np.nan])
+    got = native(lambda b, v: b.call("mul", b.call("gt", v, b.const(0.0)), b.const(3.0)), x)
+    assert got.tolist() == [0.0, 0.0, 3.0, 0.0]

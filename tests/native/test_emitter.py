@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from noise import assert_close, spread, steady
+from random_graphs import cases
+from reference import compiled
+
+from kennfeld.graph import Builder
+from kennfeld.graph.lowering import lower
+from kennfeld.native import emitter
+from kennfeld.native.emitter import Layout
+from kennfeld.native.simulator import Simulator
+from kennfeld.parameters import ParameterSet, Scalar
+from models import MODELS, case
+
+
+def results(made):
+    summed = made.accumulator()
+    costs = summed.costs(made.values)
+    normal = summed.normal(made.values)
+    return [costs, normal.gradient.copy(), normal.matrix.copy(), *summed.rows(made.values)]
+
+
+@pytest.mark.parametrize("model", sorted(MODELS))
+@pytest.mark.parametrize("segment", [1, 2, 7, 30])
+def test_code_cut_into_functions_gives_what_one_function_gives(model, segment, monkeypatch):
+    graph = MODELS[model]()
+    whole = results(compiled(case(graph, 90, (0, 40))))
+    monkeypatch.setattr(emitter, "SEGMENT", segment)
+    for a, b in zip(results(compiled(case(graph, 90, (0, 40)))), whole, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.max(np.abs(b)))
+
+
+@pytest.mark.parametrize("segment", range(1, 25))
+def test_an_output_may_stand_in_another_function_than_its_entries(segment, monkeypatch):
+    b = Builder()
+    total = b.lookup("C", b.input("u"))
+    for coordinate in ("v", "w"):
+        total = b.call("add", total, b.lookup("C", b.input(coordinate)))
+    graph = b.finish({"y": total})
+    whole = results(compiled(case(graph, 20)))
+    monkeypatch.setattr(emitter, "SEGMENT", segment)
+    for a, b_ in zip(results(compiled(case(graph, 20))), whole, strict=True):
+        np.testing.assert_allclose(a, b_, rtol=0, atol=1e-13 * np.max(np.abs(b_)))
+
+
+@settings(deadline=None, max_examples=15)
+@given(cases(operations=6, max_outputs=2), st.sampled_from([1, 3, 7]))
+def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
+    low = lower(case.graph, case.parameters)
+    roots = list(range(len(low.graph.nodes)))
+
+    def run():
+        simulator = Simulator(low, roots, case.parameters)
+        data = np.array([case.columns[name] for name in simulator.inputs]).reshape(-1, case.samples)
+        return simulator.run(case.parameters, data, case.starts)
+
+    plain = compiled(case).interpreter()
+
+    def reference(interpreter):
+        return np.array(interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts))
+
+    exact, change = reference(plain), spread(plain, reference)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(emitter, "SEGMENT", segment)
+        assert_close(run(), exact, change, steady(exact, change))
+        made = compiled(case)
+        made.accumulator().costs(made.values)
+
+
+def test_a_model_of_thousands_of_nodes():
+    b = Builder()
+    random = np.random.default_rng(3)
+    u, v = b.input("u"), b.input("v")
+    pool = [u, v]
+    for number in range(1100):  # the last hundred see parameters
+        pool += [b.lookup("M", u, v), b.lookup("C", u), b.lookup("K")] if number == 1000 else []
+        x, y = (pool[i] for i in random.integers(max(0, len(pool) - 60), len(pool), 2))
+        sum_ = b.call("add", x, b.call("mul", b.const(float(random.uniform(0.3, 0.9))), y))
+        pool.append(b.call("sin", sum_) if number % 20 == 0 else b.call("mul", b.const(0.8), sum_))
+    total = pool[-1]
+    for at in pool[2:-1]:
+        total = b.call("add", total, at)
+    state = b.state()
+    b.close(state, b.const(0.0), b.call("sin", b.call("add", b.call("mul", b.const(0.01), total), state)))
+    graph = b.finish({"y": b.call("add", b.call("mul", b.const(0.01), total), state)})
+    made = compiled(case(graph, 6, (0, 4)))
+    assert len(graph.nodes) > 4000
+    assert len(made.kernel.line.nodes) > emitter.SEGMENT
+    plain = made.interpreter()
+    exact = made.run(plain)
+    residual, jacobian = made.accumulator().rows(made.values)
+    criterion = made.case.criteria[0]
+    root = np.sqrt(np.repeat(criterion.scores, np.diff([*made.case.starts, 6])))
+    on = ~np.isnan(criterion.target)
+    expected = root * (exact[:, 0, 0] - criterion.target) / criterion.scale
+    np.testing.assert_allclose(residual[on], expected[on], rtol=1e-9)
+    rows = root[:, None] * exact[:, 0, 1:] / criterion.scale
+    np.testing.assert_allclose(jacobian[on], rows[on], rtol=1e-7, atol=1e-9 * np.max(np.abs(rows)))
+
+
+def test_a_layout_counts_where_things_lie():
+    layout = Layout({}, {"M": 0}, {"M": (2, 3, 4)}, (np.arange(3.0), np.arange(5.0)), (1, 3, 2))
+    assert layout.axis_offsets == (0, 3)
+    assert layout.memory_offsets == (0, 1, 4)
+    assert layout.memory == 6
+    assert layout.strides("M") == [12, 4, 1]
+
+
+def test_a_graph_of_a_constant_alone():
+    low = lower(constant(), ParameterSet())
+    assert Simulator(low, [0], ParameterSet()).run(ParameterSet(), np.zeros((0, 3))).tolist() == [[2.5] * 3]
+
+
+def constant():
+    b = Builder()
+    return b.finish({"y": b.const(2.5)})
+
+
+def test_a_model_without_inputs():
+    b = Builder()
+    state = b.state()
+    b.close(state, b.const(0.0), b.call("add", state, b.lookup("K")))
+    graph = b.finish({"y": state})
+    held = ParameterSet([Scalar("K", 2.0)])
+    low = lower(graph, held)
+    run = Simulator(low, [low.graph.names["y"]], held).run(held, np.zeros((0, 4)), (0, 3))
+    assert run.tolist() == [[0.0, 2.0, 4.0, 0.0]]

@@ -1,0 +1,62 @@
+import numpy as np
+from reference import compiled
+
+from kennfeld.graph import Builder
+from kennfeld.parameters import ParameterSet, Scalar
+from models import case, coupled, delayed, lag, static
+
+
+def test_values_are_packed_free_ones_first():
+    made = compiled(case(static(), 5, free=("M",)))
+    values = made.kernel.values
+    assert values.offsets["M"] == 0
+    assert (values.free, values.total) == (12, 17)
+    packed = values.pack(made.case.parameters)
+    for name, at in values.offsets.items():
+        held = made.case.parameters[name].values.ravel()
+        np.testing.assert_array_equal(packed[at : at + held.size], held)
+
+
+def test_parameters_that_reach_a_state_come_first():
+    made = compiled(case(lag(), 5))
+    values = made.kernel.values
+    assert values.offsets["K"] == values.reach == 16
+    assert values.free == 17
+
+
+def test_unpacking_replaces_the_free_values_alone():
+    made = compiled(case(static(), 5, free=("M", "K")))
+    values = made.kernel.values
+    flat = np.arange(values.total, dtype=float)
+    held = values.unpack(flat, made.case.parameters)
+    np.testing.assert_array_equal(values.pack(held)[: values.free], flat[: values.free])
+    assert held["C"] == made.case.parameters["C"]
+    assert list(held) == list(made.case.parameters)
+
+
+def test_the_pattern_tells_where_matrices_can_differ_from_zero():
+    b = Builder()
+    one, two = b.state(), b.state()
+    b.close(one, b.const(0.0), b.call("mul", one, b.lookup("K")))
+    b.close(two, b.const(0.0), one)
+    graph = b.finish({"y": two, "z": b.call("add", one, b.lookup("K"))})
+    made = compiled(case(graph, 5))
+    first = graph.states.index(next(s for s in graph.states if graph.nodes[s.next].op == "mul"))
+    second = 1 - first
+    assert made.kernel.pattern.c == {0 * 2 + second, 1 * 2 + first}
+    assert made.kernel.pattern.a == {first * 2 + first, second * 2 + first}
+
+
+def test_rows_are_taken_where_a_step_touches_many_columns():
+    kernel = compiled(case(coupled(3), 5)).kernel
+    assert kernel.pattern.carried * kernel.entries.room >= kernel.values.free / 2
+    assert not kernel.accumulates
+    assert not compiled(case(delayed(), 5)).kernel.accumulates
+
+
+def test_a_parameter_the_graph_does_not_use_may_be_called_free():
+    b = Builder()
+    graph = b.finish({"y": b.lookup("K")})
+    model = case(graph, 5, values=ParameterSet([Scalar("K", 1.0), Scalar("spare", 2.0)]))
+    made = compiled(model)
+    assert made.kernel.values.offsets == {"K": 0}

@@ -1,0 +1,59 @@
+import numpy as np
+
+from kennfeld.graph import Builder
+from kennfeld.graph.interpreter import evaluate
+from kennfeld.graph.lowering import lower
+from kennfeld.native import simulator as module
+from kennfeld.native.simulator import Simulator
+from kennfeld.parameters import ParameterSet, Scalar
+from models import MODELS, case
+
+
+def simulated(model, starts=(0,)):
+    low = lower(model.graph, model.parameters)
+    simulator = Simulator(low, list(low.graph.names.values()), model.parameters)
+    data = np.array([model.columns[name] for name in simulator.inputs])
+    return simulator.run(model.parameters, data, starts)
+
+
+def test_named_nodes_are_those_of_the_interpreter():
+    for make in MODELS.values():
+        model = case(make(), 70, (0, 1, 30))
+        expected = evaluate(model.graph, model.columns, model.parameters, model.starts)
+        np.testing.assert_allclose(simulated(model, model.starts), np.array(list(expected.values())), rtol=1e-11)
+
+
+def test_results_do_not_depend_on_the_length_of_a_call(monkeypatch):
+    for make in MODELS.values():
+        model = case(make(), 70, (0, 1, 30))
+        whole = simulated(model, model.starts)
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "CHUNK", 4)
+            np.testing.assert_array_equal(simulated(model, model.starts), whole)
+
+
+def test_other_values_need_no_other_simulator():
+    b = Builder()
+    graph = b.finish({"y": b.call("mul", b.lookup("K"), b.input("x"))})
+    one, two = (ParameterSet([Scalar("K", value)]) for value in (2.0, 3.0))
+    low = lower(graph, one)
+    simulator = Simulator(low, [low.graph.names["y"]], one)
+    assert simulator.inputs == ("x",)
+    assert simulator.run(two, np.array([[1.0, 2.0]])).tolist() == [[3.0, 6.0]]
+    assert simulator.run(one, np.array([[1.0, 2.0]])).tolist() == [[2.0, 4.0]]
+
+
+def test_a_root_may_be_asked_for_twice():
+    b = Builder()
+    low = lower(b.finish({"y": b.call("sin", b.input("x"))}), ParameterSet())
+    y = low.graph.names["y"]
+    run = Simulator(low, [y, y], ParameterSet()).run(ParameterSet(), np.array([[0.0]]))
+    assert run.tolist() == [[0.0], [0.0]]
+
+
+def test_data_need_not_be_contiguous():
+    b = Builder()
+    low = lower(b.finish({"y": b.call("add", b.input("x"), b.input("z"))}), ParameterSet())
+    data = np.arange(12.0).reshape(3, 4).T[:2]
+    run = Simulator(low, [low.graph.names["y"]], ParameterSet()).run(ParameterSet(), data)
+    assert run[0].tolist() == (data[0] + data[1]).tolist()

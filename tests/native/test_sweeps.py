@@ -1,0 +1,123 @@
+"""The sums over a tape, on random linear systems x' = A x + B, r' = C S + D, written out densely."""
+
+import numpy as np
+import pytest
+
+from kennfeld.native.sweeps import Pattern, sweeps
+
+
+class Tape:
+    """Random steps of m outputs and n states, with `room` entries a sample, some columns twice."""
+
+    def __init__(self, m, n, columns, length=60, room=6, sparse=False, seed=0):
+        random = np.random.default_rng(seed)
+        self.m, self.n, self.columns, self.length, self.room = m, n, columns, length, room
+        self.residual, self.weight = random.standard_normal((length, m)), random.uniform(0, 2, (length, m))
+        self.weight[::5] = 0.0
+        self.c, self.a = random.standard_normal((length, m, n)), random.standard_normal((length, n, n)) * 0.5
+        present_c = [i for i in range(m * n) if not sparse or i % 2]
+        present_a = [i for i in range(n * n) if not sparse or i % 3]
+        self.c.reshape(length, -1)[:, [i for i in range(m * n) if i not in present_c]] = 0.0
+        self.a.reshape(length, -1)[:, [i for i in range(n * n) if i not in present_a]] = 0.0
+        self.index = random.integers(0, columns, (length, room)).astype(np.int32)
+        self.index[:, 1] = self.index[:, 0]
+        self.slope = random.standard_normal((length, room, m + n))
+        self.count = random.integers(0, room + 1, length).astype(np.int32)
+        self.start = random.standard_normal((n, columns))
+        self.pattern = Pattern(m, (1,) * n, frozenset(present_c), frozenset(present_a))
+
+    def rows(self):
+        """The Jacobian, [length, m, columns]."""
+        s, found = self.start.copy(), []
+        for k in range(self.length):
+            entries = np.zeros((self.m + self.n, self.columns))
+            for e in range(self.count[k]):
+                entries[:, self.index[k, e]] += self.slope[k, e]
+            found.append(self.c[k] @ s + entries[: self.m])
+            s = self.a[k] @ s + entries[self.m :]
+        return np.array(found), s
+
+    @property
+    def sums(self):
+        j, _ = self.rows()
+        weighted = self.weight[:, :, None] * j
+        return np.einsum("kmi,km->i", weighted, self.residual), np.einsum("kmi,kmj->ij", weighted, j)
+
+    def entries(self):
+        return self.index.ctypes.data, self.slope.ctypes.data, self.count.ctypes.data, self.room
+
+
+def at(*arrays):
+    return [a.ctypes.data for a in arrays]
+
+
+def close(a, b):
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.max(np.abs(b)))
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+@pytest.mark.parametrize("columns", [3, 40, 100])
+def test_sums_without_states(m, columns):
+    tape = Tape(m, 0, columns)
+    gradient, matrix = np.zeros(columns), np.zeros((columns, columns))
+    native = sweeps(tape.pattern)
+    native.normal(tape.length, *at(tape.residual, tape.weight), *tape.entries(), *at(matrix), columns, *at(gradient))
+    native.fold(matrix.ctypes.data, columns)
+    close(gradient, tape.sums[0])
+    close(matrix, tape.sums[1])
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 1), (1, 2), (2, 3), (3, 8)])
+def test_backward_and_forward_give_the_direct_sum(m, n, sparse):
+    tape = Tape(m, n, columns=30, sparse=sparse)
+    native = sweeps(tape.pattern)
+    q, lam = np.zeros((n, n)), np.zeros(n)
+    q_next, l_next = np.zeros((tape.length, n, n)), np.zeros((tape.length, n))
+    steps = at(tape.residual, tape.weight, tape.c, tape.a)
+    native.backward(tape.length, *steps, *at(q, lam, q_next, l_next))
+    matrix, gradient = 0.5 * tape.start.T @ q @ tape.start, tape.start.T @ lam
+    s = tape.start.copy()
+    native.forward(
+        tape.length, *steps, *at(q_next, l_next, s), 30, *tape.entries(), *at(matrix), 30, *at(gradient)
+    )  # fmt: skip
+    native.fold(matrix.ctypes.data, 30)
+    close(gradient, tape.sums[0])
+    close(matrix, tape.sums[1])
+    close(s, tape.rows()[1])
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize(("m", "n"), [(1, 0), (1, 1), (2, 3)])
+def test_rows_are_those_of_the_recursion(m, n, sparse):
+    tape = Tape(m, n, columns=20, sparse=sparse)
+    s, following = tape.start.copy(), np.zeros((n, 20))
+    rings, jacobian = np.zeros(max(n, 1), dtype=np.int64), np.full((tape.length, m, 20), np.nan)
+    sweeps(tape.pattern).rows(
+        tape.length, *at(tape.weight, tape.c, tape.a, s), 20, *at(rings, following), *tape.entries(), *at(jacobian), 20
+    )
+    close(jacobian, np.sqrt(tape.weight)[:, :, None] * tape.rows()[0])
+
+
+@pytest.mark.parametrize("columns", [0, 1, 31, 32, 33, 64, 100])
+def test_fold_adds_the_transpose(columns):
+    g = np.random.default_rng(columns).standard_normal((columns, columns))
+    h = g.copy()
+    sweeps(Pattern(1, (), frozenset(), frozenset())).fold(h.ctypes.data, columns)
+    np.testing.assert_array_equal(h, g + g.T)
+
+
+def test_kernels_of_one_pattern_share_their_sweeps():
+    one, two = (Pattern(2, (1,), frozenset({0}), frozenset({0})) for _ in range(2))
+    assert sweeps(one) is sweeps(two)
+
+
+def test_sweeps_are_for_states_of_one_step_and_not_too_many():
+    def pattern(*latencies):
+        return Pattern(1, latencies, frozenset(), frozenset())
+
+    assert pattern(1).accumulates
+    assert pattern(*[1] * 8).accumulates
+    assert not pattern().accumulates
+    assert not pattern(1, 2).accumulates
+    assert not pattern(*[1] * 9).accumulates

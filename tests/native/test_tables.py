@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kennfeld.graph import Builder
+from kennfeld.graph.interpreter import evaluate
+from kennfeld.graph.lowering import lower
+from kennfeld.native.simulator import Simulator
+from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, parameter
+
+SPECIAL = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-310]
+
+
+def both(held, columns, coordinates=None):
+    """A table at the inputs, native and by the interpreter."""
+    b = Builder()
+    (name,) = held
+    names = list(columns)
+    graph = b.finish({"y": b.lookup(name, *(b.input(n) for n in coordinates or names))})
+    low = lower(graph, held)
+    simulator = Simulator(low, [low.graph.names["y"]], held)
+    got = simulator.run(held, np.array([columns[n] for n in simulator.inputs]))[0]
+    with np.errstate(invalid="ignore"):
+        return got, evaluate(graph, columns, held)["y"]
+
+
+@st.composite
+def lookups(draw):
+    """A table of one to four axes and coordinates on, between and beyond its breakpoints."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    counts = draw(st.lists(st.integers(1, 6), min_size=1, max_size=4))
+    axes = [np.cumsum(random.uniform(0.01, 3.0, count)) - 2.0 for count in counts]
+    table = parameter(
+        "T", random.standard_normal(counts), map(Axis, axes), extrapolation=draw(st.sampled_from(["clip", "linear"]))
+    )
+    columns = {}
+    for number, points in enumerate(axes):
+        x = [random.uniform(points[0] - 1, points[-1] + 1, 10), random.choice(points, 5), [points[0], points[-1]]]
+        columns[f"x{number}"] = random.permutation(np.concatenate(x))
+    return ParameterSet([table]), columns
+
+
+@settings(deadline=None, max_examples=40)
+@given(lookups())
+def test_lookups_are_those_of_the_interpreter(lookup):
+    got, expected = both(*lookup)
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("extrapolation", ["clip", "linear"])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 9, 64, 65, 1000])
+def test_a_search_finds_every_breakpoint_whatever_came_before(extrapolation, count):
+    points = np.cumsum(np.random.default_rng(count).uniform(0.1, 2.0, count))
+    held = ParameterSet([Curve("C", points, np.arange(count, dtype=float) ** 1.5, extrapolation=extrapolation)])
+    middle = 0.5 * (points[1:] + points[:-1])
+    x = np.random.default_rng(0).permutation(np.concatenate([points, middle, points, [points[0] - 1, points[-1] + 1]]))
+    got, expected = both(held, {"x": x})
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("extrapolation", ["clip", "linear"])
+@pytest.mark.parametrize("points", [[0.0, 1.0, 2.5], [0.5]])
+def test_coordinates_that_are_not_ordinary_numbers(extrapolation, points):
+    held = ParameterSet([Curve("C", points, np.arange(1.0, len(points) + 1), extrapolation=extrapolation)])
+    got, expected = both(held, {"x": np.array([*SPECIAL, 1.2, *SPECIAL[::-1]])})
+    np.testing.assert_array_equal(np.isfinite(got), np.isfinite(expected))
+    np.testing.assert_allclose(got[np.isfinite(got)], expected[np.isfinite(expected)], rtol=1e-12)
+
+
+def test_a_clipped_lookup_far_outside_is_the_end_itself():
+    held = ParameterSet([Curve("C", [0.0, 1.0, 2.5], [0.1, 0.7, 0.3])])
+    got, _ = both(held, {"x": np.array([-1e300, -np.inf, 1e300, np.inf, 2.5])})
+    assert got.tolist() == [0.1, 0.1, 0.3, 0.3, 0.3]
+
+
+def test_a_value_on_a_breakpoint_is_the_value_of_the_table():
+    points = np.cumsum(np.random.default_rng(5).uniform(0.1, 1.0, 20))
+    values = np.random.default_rng(6).standard_normal(20)
+    got, expected = both(ParameterSet([Curve("C", points, values)]), {"x": points})
+    np.testing.assert_array_equal(got, values)
+    np.testing.assert_array_equal(expected, values)
+
+
+def test_a_grid_point_of_weight_zero_does_not_count_whatever_it_holds():
+    held = ParameterSet([Map("M", [0.0, 1.0, 2.0], [0.0, 1.0], [[1.0, 2.0], [3.0, 4.0], [np.nan, np.inf]])])
+    got, expected = both(held, {"x": np.array([0.5, 1.0, 1.0, 1.5]), "y": np.array([0.0, 0.0, 0.5, 1.0])})
+    assert expected[:3].tolist() == [2.0, 3.0, 3.5]
+    np.testing.assert_array_equal(got, expected)
+
+
+def test_a_block_is_read_by_position():
+    held = ParameterSet([Block("B", [[1.0, 2.0, 3.0], [5.0, 7.0, 11.0]])])
+    got, expected = both(held, {"i": np.array([0.0, 1.0, 1.0, 0.5, -3.0]), "j": np.array([2.0, 0.0, 1.0, 0.5, 9.0])})
+    assert got.tolist() == [3.0, 5.0, 7.0, 3.75, 3.0]
+    assert expected.tolist() == got.tolist()
+
+
+def test_a_table_along_one_input_twice():
+    held = ParameterSet([Map("M", [0.0, 1.0], [0.0, 2.0], [[1.0, 2.0], [3.0, 5.0]])])
+    x = np.linspace(-0.5, 2.5, 20)
+    got, expected = both(held, {"x": x}, ("x", "x"))
+    np.testing.assert_allclose(got, expected, rtol=1e-13)

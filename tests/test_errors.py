@@ -1,0 +1,59 @@
+import pytest
+
+from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, nearest
+
+
+def test_everything_raised_on_purpose_has_one_root():
+    assert issubclass(InputError, KennfeldError)
+    assert issubclass(ArgumentError, KennfeldError)
+    assert issubclass(ArgumentError, ValueError)
+    assert not issubclass(InputError, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("finding", "text"),
+    [
+        (Finding("a.kf line 4", "X is no parameter"), "a.kf line 4: X is no parameter"),
+        (
+            Finding("a.kf line 4", "X is no parameter", "Did you mean Y?"),
+            "a.kf line 4: X is no parameter. Did you mean Y?",
+        ),
+        (Finding("a.kf", "X ends.", "Mend it."), "a.kf: X ends. Mend it."),
+        (Finding("a.kf", "What is X?", "Mend it."), "a.kf: What is X? Mend it."),
+        (Finding("a.kf", "X!", "Mend it."), "a.kf: X! Mend it."),
+        (Finding("", "X is wrong"), "X is wrong"),
+        (Finding("", "X is wrong", "Mend it."), "X is wrong. Mend it."),
+    ],
+)
+def test_a_finding_reads_as_place_problem_and_mend(finding, text):
+    assert str(finding) == text
+
+
+def test_a_finding_is_an_error_unless_it_says_warning():
+    assert Finding("a", "b").severity == "error"
+    assert Finding("a", "b", severity="warning").severity == "warning"
+
+
+def test_an_input_error_carries_every_finding_in_order():
+    findings = [Finding("line 1", "one"), Finding("line 2", "two")]
+    error = InputError(iter(findings))
+    assert error.findings == tuple(findings)
+    assert str(error) == "line 1: one\nline 2: two"
+
+
+def test_an_input_error_of_a_single_finding():
+    error = InputError.of("line 1", "one", "Mend it.", "x = ")
+    assert error.findings == (Finding("line 1", "one", "Mend it.", "x = "),)
+
+
+@pytest.mark.parametrize(
+    ("name", "candidates", "question"),
+    [
+        ("Sped", ["Speed", "Load"], "Did you mean Speed?"),
+        ("SPEED", ["speed", "Load"], "Did you mean speed?"),
+        ("xyz", ["Speed", "Load"], ""),
+        ("Speed", [], ""),
+    ],
+)
+def test_the_nearest_name_is_offered(name, candidates, question):
+    assert nearest(name, iter(candidates)) == question
