@@ -6,12 +6,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-__all__ = ["apart", "installed", "repeated", "resident", "threads"]
+__all__ = ["apart", "installed", "peak", "repeated", "reset_peak", "threads"]
 
 ROOT = Path(__file__).parents[1]
 POOLS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -58,14 +59,23 @@ def repeated(work: Callable[[], object], least: int = 3, lasting: float = 1.0, m
     return {"best": min(found), "median": median(found), "runs": len(found)}
 
 
-def resident(*, peak: bool) -> int:
-    """Bytes of memory of this process: the most it ever had, or what it has now."""
-    if peak:
-        import resource
+def reset_peak() -> int:
+    """Forget the most memory this process had, and tell what it has now, in bytes."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+    return _status("VmRSS")
 
-        unit = 1 if sys.platform == "darwin" else 1024
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
-    statm = Path("/proc/self/statm")
-    if statm.exists():
-        return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
-    return resident(peak=True)
+
+def peak() -> int:
+    """The most memory this process had since `reset_peak`, in bytes."""
+    return _status("VmHWM")
+
+
+def _status(field: str) -> int:
+    # getrusage is the fallback only: after an exec it still knows the size of the process that started this one.
+    status = Path("/proc/self/status")
+    if status.exists():
+        return 1024 * next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith(field))
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

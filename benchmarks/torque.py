@@ -8,10 +8,10 @@ import numpy as np
 from benchmarks.machine import load
 from benchmarks.measure import apart, installed, threads
 from benchmarks.table import Table, seconds
+from benchmarks.torque_problem import problem
 
 __all__ = ["run"]
 
-CAP = 120.0  # s for each peer
 SHORT = 10.0  # s; what takes less is run again
 REPEATS = 5
 HIGHER = 1e-3  # relative distance from the best cost at which a solver counts as stopped higher
@@ -34,12 +34,11 @@ class Entrant:
 
 
 def _scipy(what: str, jacobian: str, scaled: bool) -> Entrant:
-    arguments = {"jacobian": jacobian, "scaled": scaled, "cap": CAP}
+    arguments = {"jacobian": jacobian, "scaled": scaled}
     name = f"scipy TRF, {what}, x_scale={'jac' if scaled else '1'}"
     return Entrant(name, "benchmarks.peers.scipy_trf:solve", ("scipy",), arguments)
 
 
-CAPPED = {"cap": CAP}
 ENTRANTS = (
     Entrant("Kennfeld, continuation off", "benchmarks.kennfeld_torque:solve", (), {"continuation": "off"}),
     Entrant("Kennfeld, continuation auto", "benchmarks.kennfeld_torque:solve", (), {"continuation": "auto"}),
@@ -49,25 +48,21 @@ ENTRANTS = (
     _scipy("exact dense Jacobian", "dense", True),
     _scipy("finite differences", "differences", False),
     _scipy("finite differences", "differences", True),
-    Entrant("lmfit leastsq, finite differences", "benchmarks.peers.lmfit_leastsq:solve", ("lmfit",), CAPPED),
-    Entrant("CasADi + IPOPT, exact Hessian", "benchmarks.peers.casadi_ipopt:solve", ("casadi",), CAPPED),
-    Entrant(
-        "optimistix LevenbergMarquardt", "benchmarks.peers.optimistix_lm:solve", ("optimistix", "jax"), CAPPED
-    ),
+    Entrant("lmfit leastsq, finite differences", "benchmarks.peers.lmfit_leastsq:solve", ("lmfit",)),
+    Entrant("CasADi + IPOPT, exact Hessian", "benchmarks.peers.casadi_ipopt:solve", ("casadi",)),
+    Entrant("optimistix LevenbergMarquardt", "benchmarks.peers.optimistix_lm:solve", ("optimistix", "jax")),
 )
 
 
-def run() -> list[Table]:
-    """Check that the cost functions agree, then let everyone solve."""
+def run(cap: float = 60.0) -> list[Table]:
+    """Check that the cost functions agree, then let everyone solve, the peers for at most `cap` s each."""
     agreement = _agreement()
-    found: dict[str, dict[str, Any]] = {e.name: _solved(e) for e in ENTRANTS if installed(*e.packages)}
-    return [_table(found, agreement)]
+    found: dict[str, dict[str, Any]] = {e.name: _solved(e, cap) for e in ENTRANTS if installed(*e.packages)}
+    return [_table(found, agreement, cap)]
 
 
 def _agreement() -> str:
     """How far the tools' cost functions differ at the start and at a random point; raises where it is too far."""
-    from benchmarks.torque_problem import problem
-
     given = problem()
     points = [given.start, given.random()]
     expected = np.array([given.cost(point) for point in points])
@@ -84,27 +79,39 @@ def _agreement() -> str:
     return f"All cost functions agree to {worst:.0e} at the start and at a random point ({costs})."
 
 
-def _solved(entrant: Entrant) -> dict[str, Any]:
+def _solved(entrant: Entrant, cap: float) -> dict[str, Any]:
+    """Runs on one thread and on all; those count that were faster, or that came lower in the time they had."""
+    arguments = entrant.arguments | ({"cap": cap} if entrant.peer else {})
+    found = [_fastest(entrant.target, cores, arguments, cap) for cores in (1, None)]
+    good = [one for one in found if "error" not in one]
+    if not good:
+        return found[0]
+    return min(good, key=lambda one: (one["seconds"] > cap, one["seconds"] if one["seconds"] < cap else one["cost"]))
+
+
+def _fastest(target: str, cores: int | None, arguments: dict[str, Any], cap: float) -> dict[str, Any]:
     """The fastest run, with the median of all runs beside it."""
     runs: list[dict[str, Any]] = []
     while len(runs) < REPEATS:
-        runs.append(apart(entrant.target, timeout=3 * CAP, **entrant.arguments))
-        if "error" in runs[-1] or runs[-1]["seconds"] > SHORT:
+        runs.append(apart(target, cores=cores, timeout=60 + 3 * cap, **arguments))
+        if "error" in runs[-1]:
+            return runs[-1]
+        if runs[-1]["seconds"] > SHORT:
             break
-    if "error" in runs[-1]:
-        return runs[-1]
-    best = min(runs, key=lambda one: one["seconds"])
-    return best | {"median": float(np.median([one["seconds"] for one in runs])), "runs": len(runs)}
-
-
-def _table(found: dict[str, dict[str, Any]], agreement: str) -> Table:
-    from benchmarks.torque_problem import problem
-
     given = problem()
-    for one in found.values():
-        if "error" not in one:
-            one["cost"] = given.cost(np.array(one["values"]))
-            one["rmse"] = given.fresh_rmse(np.array(one["values"]))
+    best = min(runs, key=lambda one: one["seconds"])
+    values = np.array(best["values"])
+    return best | {
+        "median": float(np.median([one["seconds"] for one in runs])),
+        "runs": len(runs),
+        "threads": threads(cores),
+        "cost": given.cost(values),
+        "rmse": given.fresh_rmse(values),
+    }
+
+
+def _table(found: dict[str, dict[str, Any]], agreement: str, cap: float) -> Table:
+    given = problem()
     ended = {name: one for name, one in found.items() if "error" not in one}
     peers = [ended[e.name]["cost"] for e in ENTRANTS if e.peer and e.name in ended]
     best, goal = min(one["cost"] for one in ended.values()), (1 + HIGHER) * min(peers, default=np.inf)
@@ -123,7 +130,8 @@ def _table(found: dict[str, dict[str, Any]], agreement: str) -> Table:
         f"Goal: within {HIGHER:.1%} of the best cost that a peer reached, {goal:.6g}. {_ratios(ended, goal)}",
         f"A solver that ends more than {HIGHER:.1%} above the best cost of all, {best:.6g}, stops higher.",
         "Set-up is compiling, or building the solver; imports are in neither column. "
-        f"Solve is the shortest of up to {REPEATS} runs, each in a process of its own. Load at the end {load()}.",
+        f"Solve is the shortest of up to {REPEATS} runs, each in a process of its own, "
+        f"on one thread or on all, whichever was faster; a peer is stopped after {cap:g} s. Load at the end {load()}.",
         "IPOPT's time to the goal is its share of iterations; the others' is the clock's.",
     ]
     return table
@@ -139,7 +147,7 @@ def _cells(one: dict[str, Any], best: float, goal: float) -> list[str]:
         seconds(one["seconds"]),
         f"{seconds(one['median'])} ({one['runs']})",
         seconds(_reached(one, goal)),
-        str(threads(None)),
+        str(one["threads"]),
         f"{one['cost']:.6g}",
         f"{one['rmse']:.3f} Nm",
         "; ".join(remarks),

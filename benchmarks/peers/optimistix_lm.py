@@ -39,7 +39,9 @@ def cost_at(points: list[list[float]]) -> dict[str, list[float]]:
     import jax.numpy as jnp
 
     residual = _residual(problem())
-    return {"costs": [float(jnp.sum(residual(jnp.asarray(point, dtype=jnp.float64), None)[0] ** 2)) for point in points]}
+    return {
+        "costs": [float(jnp.sum(residual(jnp.asarray(point, dtype=jnp.float64), None)[0] ** 2)) for point in points]
+    }
 
 
 def solve(cap: float) -> dict[str, Any]:

@@ -9,9 +9,11 @@ Every public name is loaded when it is first used, so that `import kennfeld` cos
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # type checkers take this name for true; the module `typing` would cost 10 ms
 if TYPE_CHECKING:
+    from typing import Any
+
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.dataset import Channel, Dataset
     from kennfeld.errors import InputError, KennfeldError
@@ -70,7 +72,7 @@ _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 _NAME_INSIDE = {"read_parameters": "read"}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _ROOM_OF:
         from kennfeld.errors import nearest
 

@@ -368,9 +368,13 @@ def test_more_free_parameters_do_not_change_the_slopes_of_others(case):
     plain = Interpreter(low, case.parameters)
     every = tuple(case.parameters)
     offsets = offsets_of(every, case.parameters)
-    found = plain.rows(differentiate(low.graph, roots, every), offsets, case.columns, case.starts).jacobian
+    whole = plain.rows(differentiate(low.graph, roots, every), offsets, case.columns, case.starts)
+    finite = np.isfinite(whole.values).all(axis=1)
+    found = whole.jacobian[finite]
     for name in every:
-        only = plain.rows(differentiate(low.graph, roots, [name]), {name: 0}, case.columns, case.starts).jacobian
+        only = plain.rows(differentiate(low.graph, roots, [name]), {name: 0}, case.columns, case.starts).jacobian[
+            finite
+        ]
         part = found[:, :, offsets[name] : offsets[name] + case.parameters[name].size]
         size = np.max(np.abs(found[np.isfinite(found)]), initial=1.0)
         np.testing.assert_allclose(part, only, rtol=1e-9, atol=1e-11 * size)

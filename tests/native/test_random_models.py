@@ -67,7 +67,7 @@ def check_sums(made, widths=None):
         assert accumulator.cost(made.values) == pytest.approx(costs.sum(), rel=1e-12)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=30)
 @given(cases())
 def test_every_node_is_what_the_interpreter_computes(case):
     low = lower(case.graph, case.parameters)
@@ -90,19 +90,19 @@ def test_sums_without_states(case):
     check_sums(compiled(case))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=30)
 @given(cases(states=True, max_latency=1))
 def test_sums_with_states(case):
     check_sums(compiled(case))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(cases(states=True))
 def test_sums_with_delays(case):
     check_sums(compiled(case))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(cases(nested=True), st.data())
 def test_sums_of_smoothed_lookups(case, data):
     smooth = data.draw(st.sampled_from([tuple(case.parameters), case.free, ("K", "C", "M", "Q3", "B2")]))

@@ -9,7 +9,7 @@ from kennfeld.native.sweeps import Pattern, sweeps
 class Tape:
     """Random steps of m outputs and n states, with `room` entries a sample, some columns twice."""
 
-    def __init__(self, m, n, columns, length=60, room=6, sparse=False, seed=0):
+    def __init__(self, m, n, columns, length=61, room=6, sparse=False, seed=0, runs=1):
         random = np.random.default_rng(seed)
         self.m, self.n, self.columns, self.length, self.room = m, n, columns, length, room
         self.residual, self.weight = random.standard_normal((length, m)), random.uniform(0, 2, (length, m))
@@ -23,6 +23,8 @@ class Tape:
         self.index[:, 1] = self.index[:, 0]
         self.slope = random.standard_normal((length, room, m + n))
         self.count = random.integers(0, room + 1, length).astype(np.int32)
+        for k in range(length):  # neighbours that touch the same columns, `runs` in a row
+            self.index[k], self.count[k] = self.index[k // runs * runs], self.count[k // runs * runs]
         self.start = random.standard_normal((n, columns))
         self.pattern = Pattern(m, (1,) * n, frozenset(present_c), frozenset(present_a))
 
@@ -62,39 +64,40 @@ def test_sums_without_states(m, columns):
     gradient, matrix = np.zeros(columns), np.zeros((columns, columns))
     native = sweeps(tape.pattern)
     native.normal(tape.length, *at(tape.residual, tape.weight), *tape.entries(), *at(matrix), columns, *at(gradient))
-    native.fold(matrix.ctypes.data, columns)
+    native.fold(matrix.ctypes.data, columns, columns)
     close(gradient, tape.sums[0])
     close(matrix, tape.sums[1])
 
 
+@pytest.mark.parametrize("runs", [1, 2, 3, 7, 100])
 @pytest.mark.parametrize("sparse", [False, True])
-@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 1), (1, 2), (2, 3), (3, 8)])
-def test_backward_and_forward_give_the_direct_sum(m, n, sparse):
-    tape = Tape(m, n, columns=30, sparse=sparse)
-    native = sweeps(tape.pattern)
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 1), (1, 2), (2, 3), (1, 4), (3, 8)])
+def test_backward_and_forward_give_the_direct_sum(m, n, sparse, runs):
+    tape, width = Tape(m, n, columns=32, sparse=sparse, runs=runs), 32
+    native, batch = sweeps(tape.pattern), tape.pattern.batch
     q, lam = np.zeros((n, n)), np.zeros(n)
     q_next, l_next = np.zeros((tape.length, n, n)), np.zeros((tape.length, n))
     steps = at(tape.residual, tape.weight, tape.c, tape.a)
     native.backward(tape.length, *steps, *at(q, lam, q_next, l_next))
     matrix, gradient = 0.5 * tape.start.T @ q @ tape.start, tape.start.T @ lam
-    s = tape.start.copy()
-    native.forward(
-        tape.length, *steps, *at(q_next, l_next, s), 30, *tape.entries(), *at(matrix), 30, *at(gradient)
-    )  # fmt: skip
-    native.fold(matrix.ctypes.data, 30)
+    s, reach = np.full(((batch + 1) * n, width), np.nan), np.full(tape.room * batch * n, np.nan)
+    s[:n] = tape.start
+    later = (*at(q_next, l_next, s), width, *at(reach))
+    native.forward(tape.length, *steps, *later, *tape.entries(), *at(matrix), width, *at(gradient))
+    native.fold(matrix.ctypes.data, width, width)
     close(gradient, tape.sums[0])
     close(matrix, tape.sums[1])
-    close(s, tape.rows()[1])
+    close(s[:n], tape.rows()[1])
 
 
 @pytest.mark.parametrize("sparse", [False, True])
 @pytest.mark.parametrize(("m", "n"), [(1, 0), (1, 1), (2, 3)])
 def test_rows_are_those_of_the_recursion(m, n, sparse):
-    tape = Tape(m, n, columns=20, sparse=sparse)
-    s, following = tape.start.copy(), np.zeros((n, 20))
-    rings, jacobian = np.zeros(max(n, 1), dtype=np.int64), np.full((tape.length, m, 20), np.nan)
+    tape = Tape(m, n, columns=24, sparse=sparse)
+    s, following = tape.start.copy(), np.zeros((n, 24))
+    rings, jacobian = np.zeros(max(n, 1), dtype=np.int64), np.full((tape.length, m, 24), np.nan)
     sweeps(tape.pattern).rows(
-        tape.length, *at(tape.weight, tape.c, tape.a, s), 20, *at(rings, following), *tape.entries(), *at(jacobian), 20
+        tape.length, *at(tape.weight, tape.c, tape.a, s), 24, *at(rings, following), *tape.entries(), *at(jacobian), 24
     )
     close(jacobian, np.sqrt(tape.weight)[:, :, None] * tape.rows()[0])
 
@@ -103,8 +106,16 @@ def test_rows_are_those_of_the_recursion(m, n, sparse):
 def test_fold_adds_the_transpose(columns):
     g = np.random.default_rng(columns).standard_normal((columns, columns))
     h = g.copy()
-    sweeps(Pattern(1, (), frozenset(), frozenset())).fold(h.ctypes.data, columns)
+    sweeps(Pattern(1, (), frozenset(), frozenset())).fold(h.ctypes.data, columns, columns)
     np.testing.assert_array_equal(h, g + g.T)
+
+
+def test_fold_leaves_what_lies_beside_the_matrix():
+    g = np.random.default_rng(0).standard_normal((30, 32))
+    h = g.copy()
+    sweeps(Pattern(1, (), frozenset(), frozenset())).fold(h.ctypes.data, 32, 30)
+    np.testing.assert_array_equal(h[:, :30], g[:, :30] + g[:, :30].T)
+    np.testing.assert_array_equal(h[:, 30:], g[:, 30:])
 
 
 def test_kernels_of_one_pattern_share_their_sweeps():

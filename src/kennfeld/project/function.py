@@ -3,12 +3,16 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read
-from kennfeld.project.schema import DIRECTIONS, ProjectFile, TargetEntry
+from kennfeld.models.formula.names import Names, Surroundings
+from kennfeld.models.formula.parser import parse
+from kennfeld.models.formula.source import Source
+from kennfeld.project.schema import DIRECTIONS, ProjectFile
 
 __all__ = ["Function", "coordinates_of", "read_function", "undefined"]
 
@@ -48,40 +52,53 @@ def read_function(file: ProjectFile, known: Collection[str], findings: list[Find
     if not file.model.file or not _is_readable(file, findings):
         return None
     try:
-        model = _read(file, known)
+        model = _read(file.folder / file.model.file, known)
     except InputError as error:
         findings += error.findings
         return None
     return Function(_extended(model, file, findings), model.graph.inputs)
 
 
+def _read(path: Path, known: Collection[str]) -> Model:
+    """The model; parameters that nobody defines are looked up all the same, so that `undefined` can report them."""
+    try:
+        return read(path, known)
+    except InputError as error:
+        assumed = _assumed(path, known)
+        if not assumed:
+            raise error from None
+    return read(path, [*known, *assumed])
+
+
+def _assumed(path: Path, known: Collection[str]) -> list[str]:
+    """Tables in the text that are not known, and bare names that are no input, since the text declares its inputs."""
+    try:
+        source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace"))
+    except OSError:
+        return []
+    names = Names(parse(source), Surroundings(), source)
+    tables = [name for name in names.axes if name not in known]
+    scalars = [name for name in names.uses if name not in (*names.inputs, *known, *tables)]
+    return [*tables, *scalars] if names.inputs else tables
+
+
 def _is_readable(file: ProjectFile, findings: list[Finding]) -> bool:
     name, place = file.model.file, file.place("[model] file")
-    path = file.folder / name
-    suffix = f".{name.partition(':')[0].rpartition('.')[2]}".casefold()
-    if suffix in _LATER_KINDS and suffix != path.suffix.casefold() or path.suffix.casefold() in _LATER_KINDS:
-        what = f"{name} is {_LATER_KINDS[suffix]}, which is not available in this version"
+    path = file.folder / name.partition(":")[0]  # a Python function stands behind a colon
+    kind = path.suffix.casefold()
+    if kind in _LATER_KINDS:
+        what = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
         findings.append(Finding(place, what, "Formula text (.kf) can be read."))
     elif not path.is_file():
         beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
         what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
         findings.append(Finding(place, what, nearest(path.name, beside) or "Check the path."))
-    elif path.suffix.casefold() != ".kf":
+    elif kind != ".kf":
         what = f"{name} is no kind of model that is known"
         findings.append(Finding(place, what, "Formula text (.kf) can be read."))
     else:
         return True
     return False
-
-
-def _read(file: ProjectFile, known: Collection[str]) -> Model:
-    """The model; names of scalars can only be told from inputs once the parameters are known."""
-    path = file.folder / file.model.file
-    model = read(path)
-    ambiguous = {*model.graph.inputs, *model.graph.names}
-    if ambiguous.isdisjoint(known):
-        return model
-    return read(path, [*known, *(name for name in model.graph.parameters if name not in known)])
 
 
 def _extended(model: Model, file: ProjectFile, findings: list[Finding]) -> Model:
@@ -110,11 +127,6 @@ def _with_node(model: Model, text: str, place: str, findings: list[Finding]) -> 
         return model
 
 
-def is_node(function: Function, target: TargetEntry) -> bool:
-    """Whether a target's name is a node of the function."""
-    return target.name in function.graph.names
-
-
 def undefined(function: Function, known: Collection[str]) -> list[Finding]:
     """A finding for each parameter that the function looks up and nobody defines, with a snippet to copy."""
     found = []
@@ -122,7 +134,9 @@ def undefined(function: Function, known: Collection[str]) -> list[Finding]:
         if name not in known:
             lines = _snippet(name, count, function)
             what = f"{name} is looked up here, but no file and no section of the project defines it"
-            guess = nearest(name, known)
+            if not count:
+                what = f"{name} is no node and no input, and no file and no section of the project defines it"
+            guess = nearest(name, [*known, *(() if count else (*function.graph.inputs, *function.graph.names))])
             mend = f"{guess} Or define it: {lines[0]} {', '.join(lines[1:])}.".strip()
             found.append(Finding(function.place(name), what, mend, "\n".join(lines)))
     return found
@@ -134,7 +148,8 @@ def _snippet(name: str, count: int, function: Function) -> list[str]:
     lines = [f"[parameters.{name}]" if re.fullmatch(r"[\w-]+", name) else f'[parameters."{name}"]']
     for direction, quantity in zip(DIRECTIONS, coordinates_of(graph, name)[:count], strict=False):
         spread = "count = 8" if quantity in graph.inputs else "begin = 0.0, end = 1.0, count = 8"
-        lines.append(f'{direction} = {{ input = "{quantity}", {spread} }}')
+        named = f'input = "{quantity}", ' if quantity else ""
+        lines.append(f"{direction} = {{ {named}{spread} }}")
     return [*lines, "initial = 0.0"]
 
 
@@ -145,7 +160,7 @@ def coordinates_of(graph: Graph, parameter: str) -> Sequence[str]:
     >>> coordinates_of(formula("y = M(Speed, a + b)").graph, "M")
     ['Speed', '']
     """
-    names: Mapping[int, str] = {at: name for name, at in reversed(graph.names.items())}
+    names: Mapping[int, str] = {at: name for name, at in reversed(list(graph.names.items()))}
     for node in graph.nodes:
         if node.op == "lookup" and node.payload == parameter:
             return [

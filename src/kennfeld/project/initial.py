@@ -1,17 +1,23 @@
 """Today's calibration: the files of `[calibration] initial`, merged."""
 
+import numpy as np
+
 from kennfeld.calfiles import read
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.schema import ProjectFile
 
-__all__ = ["read_initial"]
+__all__ = ["described", "read_initial", "sized"]
 
 
 def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | None:
     """The parameters of all initial files, later files winning; None, and findings, where one cannot be used."""
     merged, origin, good = ParameterSet(), dict[str, str](), True
     for name in file.calibration.initial:
+        if not (file.folder / name).is_file():
+            findings.append(_missing(file, name))
+            good = False
+            continue
         try:
             given = read(file.folder / name)
         except InputError as error:
@@ -35,12 +41,17 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
     return merged if good else None
 
 
+def _missing(file: ProjectFile, name: str) -> Finding:
+    path = file.folder / name
+    beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+    what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
+    return Finding(file.place("[calibration] initial"), what, nearest(path.name, beside) or "Check the path.")
+
+
 def _alike(one: Parameter, other: Parameter) -> bool:
     """Whether both define the same table, whatever its values."""
     same = one.kind == other.kind and one.values.shape == other.values.shape
-    return same and all(
-        a.breakpoints.tobytes() == b.breakpoints.tobytes() for a, b in zip(one.axes, other.axes, strict=True)
-    )
+    return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(one.axes, other.axes, strict=True))
 
 
 def _clash(file: ProjectFile, one: Parameter, other: Parameter, first: str, second: str) -> Finding:

@@ -3,11 +3,10 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.dataset import Channel, Dataset, concatenate
+from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
@@ -92,10 +91,8 @@ class _Loading:
         """The dataset, or None where a finding says why there is none."""
         paths = list(self._paths())
         self._check_shift()
-        parts = [part for path, part in self._parts(paths) if self._has_samples(path, part)]
+        parts = list(self._parts(paths))
         if not parts:
-            if not self.failed:
-                self._report("", "the dataset has no samples", "Check its files.")
             return None
         finished = self._finished(self._joined(paths, parts))
         return None if self.failed else finished
@@ -128,16 +125,16 @@ class _Loading:
     def _channels(self) -> list[str]:
         return self.calculated.recorded([*self.required, *self.optional])
 
-    def _parts(self, paths: Sequence[str]) -> Iterator[tuple[str, Dataset]]:
+    def _parts(self, paths: Sequence[str]) -> Iterator[Dataset]:
         missed: dict[str, list[str]] = {}
         listed: dict[str, None] = {}
         for path in paths:
             try:
-                yield path, read(path, self._channels() or None, self.entry.raster)
+                yield read(path, self._channels() or None, self.entry.raster)
             except InputError as error:
                 part = self._lenient(path, error, missed, listed)
                 if part is not None:
-                    yield path, part
+                    yield part
         self._report_missed(missed, listed)
 
     def _lenient(
@@ -172,7 +169,9 @@ class _Loading:
             names = ", ".join(list(listed)[:8]) + (", ..." if len(listed) > 8 else "")
             mend = nearest(channel, listed) or f"It has {names}."
             if why.startswith("the input ") and channel not in self.file.channels.values():
-                mend += f' Name its channel in [channels]: {_key(channel)} = "...".'
+                key = _key(channel)
+                scalar = f"or define a scalar: [parameters.{key}] initial = 0.0."
+                mend = f'{mend} Name its channel in [channels]: {key} = "..."; {scalar}'
             self.findings.append(Finding(place, f"has no channel {channel}, {why}", mend))
 
     def _why_calculated(self, channel: str) -> str:
@@ -180,13 +179,6 @@ class _Loading:
             if channel in graph.inputs:
                 return f"which [calculated] {name} needs"
         return "which the project needs"
-
-    def _has_samples(self, path: str, part: Dataset) -> bool:
-        if part.samples:
-            return True
-        what = "the file has no samples"
-        self.findings.append(Finding(Path(path).name, what, "Is it cut off?", severity="warning"))
-        return False
 
     def _joined(self, paths: Sequence[str], parts: Sequence[Dataset]) -> Dataset:
         """One dataset, each file a piece; a channel that some files lack is NaN there."""
@@ -253,7 +245,7 @@ class _Loading:
     def _chosen(self, dataset: Dataset) -> Dataset:
         """The dataset with the samples marked that count."""
         scored = np.ones(dataset.samples, dtype=bool) if dataset.scored is None else dataset.scored.copy()
-        if self.where is not None:
+        if self.where is not None and all(name in dataset for name in self.where.inputs):
             values = evaluated(self.where, dataset)
             scored &= np.isfinite(values) & (values != 0)
             if not scored.any():
@@ -269,5 +261,3 @@ class _Loading:
 
 def _key(name: str) -> str:
     return name if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii() else f'"{name}"'
-
-

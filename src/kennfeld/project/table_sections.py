@@ -30,7 +30,11 @@ def parameter_entry(name: str, section: Section) -> ParameterEntry:
         smoothness=_smoothness(section),
         lock=_lock(section),
         pins=_pins(section),
-        extrapolation=None if "extrapolation" not in section.values else "linear" if extrapolation != "clip" else "clip",
+        extrapolation=None
+        if "extrapolation" not in section.values
+        else "linear"
+        if extrapolation != "clip"
+        else "clip",
     )
     section.end()
     return entry
@@ -50,7 +54,9 @@ def _axes(section: Section) -> dict[str, AxisEntry]:
             continue
         given = section.values[direction]
         if isinstance(given, list):
-            section.report(direction, "breakpoints alone are no axis", f"Write {direction} = {{ breakpoints = [...] }}.")
+            section.report(
+                direction, "breakpoints alone are no axis", f"Write {direction} = {{ breakpoints = [...] }}."
+            )
         elif inner := section.inner(direction):
             made[direction] = _axis(inner, grouped=True)
             inner.end()
@@ -73,10 +79,9 @@ def _axis(section: Section, *, grouped: bool = False) -> AxisEntry:
         section.report("count", f"{count} breakpoints are more than {_MOST_POINTS}")
     elif len(spread) == 2 and count:
         return AxisEntry(section.place, quantity, _even(section, spread["begin"], spread["end"], count))
-    elif spread or not count:
-        if "count" not in section.values or spread:
-            ways = _WAYS + (' or { axis = "..." }' if grouped else "")
-            section.report("", f"the axis has {_listed(section)}", f"Write {ways}.")
+    elif spread or "count" not in section.values:
+        ways = _WAYS + (' or { axis = "..." }' if grouped else "")
+        section.report("", f"the axis has {_listed(section)}", f"Write {ways}.")
     return AxisEntry(section.place, quantity, quantiles=count)
 
 
@@ -139,7 +144,24 @@ def _bounds(section: Section) -> tuple[Float, Float] | None:
             section.report("bounds", f"the {word} bound is not a number", "Write inf or -inf for none.")
         else:
             sides.append(side)
-    return (sides[0], sides[1]) if len(sides) == 2 else None
+    if len(sides) < 2 or _crossed(section, *sides):
+        return None
+    return sides[0], sides[1]
+
+
+def _crossed(section: Section, lower: Float, upper: Float) -> bool:
+    """Whether a lower bound lies above its upper one. Whether both fit the table is found where its axes are known."""
+    if lower.ndim and upper.ndim and lower.shape != upper.shape:
+        section.report("bounds", f"the sides have the shapes {list(lower.shape)} and {list(upper.shape)}")
+        return True
+    if not np.any(lower > upper):
+        return False
+    at = tuple(np.argwhere(lower > upper)[0])
+    one, other = (np.broadcast_to(side, np.broadcast_shapes(lower.shape, upper.shape))[at] for side in (lower, upper))
+    where = f" at value {', '.join(str(int(i) + 1) for i in at)}" if at else ""
+    what = f"the lower bound {one:g} lies above the upper bound {other:g}{where}"
+    section.report("bounds", what, "Exchange them.")
+    return True
 
 
 def _smoothness(section: Section) -> float | dict[str, float] | None:
@@ -170,7 +192,9 @@ def _lock(section: Section) -> bool | Literal["no-data"] | tuple[Range, ...]:
         mend = 'Write true, "no-data" or a list of ranges, [{ x = [0, 10] }].'
         section.report("lock", f"{given!r} is no lock", mend)
         return False
-    return tuple(_range(Section(part, f"{section.place} lock {i}", section.findings)) for i, part in enumerate(given, 1))
+    return tuple(
+        _range(Section(part, f"{section.place} lock {i}", section.findings)) for i, part in enumerate(given, 1)
+    )
 
 
 def _range(section: Section) -> Range:
@@ -217,4 +241,3 @@ def _numbers(given: Any) -> tuple[float, ...] | None:
         return None
     found = array(given) if given else np.zeros(0)
     return None if isinstance(found, str) or found.ndim != 1 or np.isnan(found).any() else tuple(found.tolist())
-

@@ -7,7 +7,7 @@ from kennfeld.dataset import Channel, Dataset, Use
 from kennfeld.parameters import Axis, Curve, Map, ParameterSet
 from kennfeld.project.demo.engine import torque
 
-__all__ = ["FORMULA", "NOISE", "PIN", "SMOOTHNESS", "bench", "fresh", "start"]
+__all__ = ["BOUNDS", "FORMULA", "NOISE", "PIN", "SMOOTHNESS", "bench", "fresh", "start"]
 
 NOISE = 1.8  # Nm, standard deviation of the torque measurement
 SPEED, AIR, IGNITION = (700.0, 6100.0), (28.0, 100.0), (10.0, 40.0)
@@ -26,6 +26,7 @@ FORMULA = """\
 """
 
 SMOOTHNESS = {"MapOptTorque": 100.0, "MapOptIgnition": 10.0, "CurveEtaDeltaSpark": 1e4, "MapDragTorque": 100.0}
+BOUNDS = {"MapOptTorque": (0.0, 600.0), "MapOptIgnition": (0.0, 60.0), "CurveEtaDeltaSpark": (0.0, 1.0)}
 PIN = ("CurveEtaDeltaSpark", (0.0,), 1.0)  # at the best ignition nothing is lost
 
 

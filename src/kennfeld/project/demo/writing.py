@@ -9,7 +9,7 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError, nearest
 
-__all__ = ["NAMES", "write"]
+__all__ = ["NAMES", "noise", "write"]
 
 NAMES = ("torque",)  # each a module beside this one, with its project file
 PROJECT, START = "kennfeld.toml", "start.dcm"
@@ -34,6 +34,11 @@ def write(name: str, folder: str | Path) -> Path:
         what = f"the demo cannot be written here: {error.strerror or error}"
         raise InputError.of(str(target), what, "Name another folder with --dir.") from None
     return target / PROJECT
+
+
+def noise(name: str) -> str:
+    """The standard deviation of the noise in the data of a demo, with its unit."""
+    return f"{import_module(f'kennfeld.project.demo.{name}').NOISE} Nm"
 
 
 def _claim(folder: Path, first_line: str) -> None:

@@ -1,0 +1,38 @@
+"""`python -m benchmarks [TOPIC ...]`: run benchmarks and print a markdown table a topic."""
+
+import argparse
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+
+from benchmarks.machine import heading
+from benchmarks.table import Table
+
+TOPICS = {
+    "torque": "benchmarks.torque",
+    "scaling": "benchmarks.scaling",
+    "states": "benchmarks.states",
+    "compile": "benchmarks.compiling",
+    "startup": "benchmarks.startup",
+    "nist": "benchmarks.nist",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the topics that are asked for, all of them by default."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=main.__doc__)
+    parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"{', '.join(TOPICS)}; default: all")
+    parser.add_argument("--cap", type=float, default=60.0, help="s after which a peer is stopped (default: 60)")
+    given = parser.parse_args(arguments)
+    unknown = [topic for topic in given.topics if topic not in TOPICS]
+    if unknown:
+        parser.error(f"{unknown[0]} is no topic; there are {', '.join(TOPICS)}")
+    print(heading(), flush=True)
+    for topic in given.topics or TOPICS:
+        run: Callable[[], list[Table]] = import_module(TOPICS[topic]).run
+        for table in (partial(run, given.cap) if topic == "torque" else run)():
+            print(f"\n{table}", end="", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""Topic `compile`: from formula text to machine code with derivatives, over the size of the model."""
+
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks import random_formula
+from benchmarks.machine import load
+from benchmarks.measure import apart
+from benchmarks.table import Table, seconds
+
+__all__ = ["measure", "run"]
+
+SIZES = (1000, 2000, 5000, 10_000)
+SAMPLES = 200
+REPEATS = 3
+SHORT = 10.0  # s; a model that takes longer is not compiled again
+WATCHED = {  # column: functions whose time it sums, by the module that calls them
+    "lower": ("kennfeld.optimize.problem:lower",),
+    "split": ("kennfeld.optimize.problem:split",),
+    "differentiate": ("kennfeld.native.kernel:differentiate",),
+    "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
+    "LLVM": ("kennfeld.native.kernel:compiled",),
+    "data-only part": ("kennfeld.optimize.problem:_precompute",),
+}
+
+
+def measure(nodes: int) -> dict[str, Any]:
+    """One model, in a process of its own."""
+    from kennfeld.dataset import Dataset
+    from kennfeld.models.formula import formula
+    from kennfeld.optimize import Criterion, Problem
+    from kennfeld.optimize.objective import SumOfSquares
+    from kennfeld.optimize.problem import Compiled
+
+    content, parameters = random_formula.text(nodes), random_formula.parameters()
+    random = np.random.default_rng(0)
+    columns = {name: random.uniform(-2, 2, SAMPLES) for name in random_formula.INPUTS}
+    columns["measured"] = random.normal(size=SAMPLES)
+    data = Dataset.of("random", columns, time=0.1 * np.arange(SAMPLES))
+    spent = _watch()
+    began = time.perf_counter()
+    model = formula(content, parameters=list(parameters))
+    parsed = time.perf_counter()
+    compiled = Compiled(Problem(model, (data,), parameters, (Criterion("y", "measured"),)))
+    ready = time.perf_counter()
+    objective = SumOfSquares(compiled)
+    cost = objective.cost(objective.start)
+    objective.normal(objective.start)
+    first = time.perf_counter()
+    return {
+        **spent,
+        "nodes": len(model.graph.nodes),
+        "states": len(model.graph.states),
+        "atoms": len(compiled.kernel.line.atoms),
+        "derivative": len(compiled.kernel.line.nodes),
+        "parse": parsed - began,
+        "compile": ready - parsed,
+        "first": first - ready,
+        "cost": cost,
+    }
+
+
+def _watch() -> dict[str, float]:
+    """Sum the time in the watched functions; one that has gone is left at zero."""
+    from importlib import import_module
+
+    spent: dict[str, float] = defaultdict(float)
+    for column, places in WATCHED.items():
+        spent[column] = 0.0
+        for place in places:
+            module, name = place.split(":")
+            home = import_module(module)
+            if hasattr(home, name):
+                setattr(home, name, _timed(getattr(home, name), spent, column))
+    return spent
+
+
+def _timed(work: Callable[..., Any], spent: dict[str, float], column: str) -> Callable[..., Any]:
+    def timed(*args: Any, **named: Any) -> Any:
+        began = time.perf_counter()
+        try:
+            return work(*args, **named)
+        finally:
+            spent[column] += time.perf_counter() - began
+
+    return timed
+
+
+def run() -> list[Table]:
+    """All sizes; the run whose total was shortest."""
+    columns = (
+        "nodes",
+        "lookups",
+        "states",
+        "with derivatives",
+        "parse",
+        *WATCHED,
+        "parse + compile",
+        "first iteration",
+    )
+    table = Table("compile: a generated formula with derivatives", (*columns, "threads", "cost"))
+    for size in SIZES:
+        runs: list[dict[str, Any]] = []
+        while len(runs) < REPEATS and sum(one.get("compile", SHORT) for one in runs) < SHORT:
+            runs.append(apart("benchmarks.compiling:measure", cores=1, nodes=size))
+        good = [one for one in runs if "error" not in one]
+        if not good:
+            table.add(f"about {size}", runs[0]["error"])
+            continue
+        found = min(good, key=lambda one: one["parse"] + one["compile"])
+        table.add(
+            *(str(found[name]) for name in ("nodes", "atoms", "states", "derivative")),
+            *(seconds(found[name]) for name in ("parse", *WATCHED)),
+            *(seconds(found["parse"] + found["compile"]), seconds(found["first"]), "1", f"{found['cost']:.6g}"),
+        )
+    table.notes = [
+        "Budget: 5 000 nodes in at most 2 s, parse + compile.",
+        f"The shortest of up to {REPEATS} runs, each in a process of its own, imports left out. "
+        f"The first iteration compiles the sums over samples, which do not depend on the model. Load at the end {load()}.",
+    ]
+    return [table]

@@ -1,0 +1,233 @@
+"""The commands. What they need is loaded inside them, so that `kennfeld --help` answers at once."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kennfeld import __version__
+from kennfeld.errors import Finding, InputError, KennfeldError
+from kennfeld.terminal.output import complain, say
+
+if TYPE_CHECKING:
+    from kennfeld.project import Project
+
+__all__ = ["app", "main", "run"]
+
+DONE, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    name="kennfeld",
+    help="Calibrate sensor models of engine control units: formula and measurement in, curves and maps out.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+ProjectFile = Annotated[
+    Path, typer.Argument(metavar="PROJECT", help="The project file, kennfeld.toml.", show_default=False)
+]
+
+
+def main() -> None:
+    """The command `kennfeld`; ends the process."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command line and give its exit status: 0 done, 1 not converged, 2 wrong input, 130 after Ctrl-C."""
+    try:
+        return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
+    except InputError as error:
+        complain(*error.findings)
+    except (KennfeldError, _MISUSE) as error:
+        complain(_sentence(error))
+    except OSError as error:
+        complain(f"{error.filename or 'the system'}: {error.strerror or error}")
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED
+    return WRONG_INPUT
+
+
+# the base of typer's errors of use; where it lives differs from version to version
+_MISUSE: type[Exception] = typer.BadParameter.__mro__[2]
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, KennfeldError):
+        return str(error)
+    said = getattr(error, "format_message", error.__str__)().strip()
+    context = getattr(error, "ctx", None)
+    end = "" if said.endswith((".", "?", "!")) else "."
+    return f"{said}{end} See {context.command_path if context else 'kennfeld'} --help."
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        say(f"kennfeld {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _kennfeld(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def demo(
+    name: Annotated[str, typer.Argument(help="Which demo; there is torque.")] = "torque",
+    folder: Annotated[
+        Path | None,
+        typer.Option("--dir", help="Folder to write it to.", show_default="kennfeld-demo-NAME", metavar="DIR"),
+    ] = None,
+) -> int:
+    """Write a ready project with its data, and run it."""
+    from kennfeld.project import Project
+    from kennfeld.project.demo import noise, write
+
+    path = write(name, folder or Path(f"kennfeld-demo-{name}"))
+    status = _calibrate(Project.read(path), path.parent / "results")
+    say("", f"The sensor's noise is {noise(name)}: on points it never saw, no model can come below that.")
+    say(f"Next: look into {path}, change it, and run", f"  kennfeld calibrate {path}")
+    return status
+
+
+@app.command()
+def check(path: ProjectFile) -> int:
+    """Name every problem of a project and its files.
+
+    Each comes with its place and the mend, on stderr; nothing is calculated.
+    """
+    from kennfeld.project import Project
+
+    project = Project.read(path)
+    findings = _sound(project)
+    complain(*findings)
+    problem = project.problem()
+    values = sum(problem.parameters[name].size for name in problem.free_names)
+    samples = [f"{data.samples} {data.use} samples in {data.name}" for data in problem.datasets]
+    say(f"{path}: {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    return DONE
+
+
+@app.command()
+def calibrate(
+    path: ProjectFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Folder for the results.", show_default="results beside the project", metavar="DIR"
+        ),
+    ] = None,
+) -> int:
+    """Find the values that fit best, and write them.
+
+    Ctrl-C stops at the best values so far and still writes the results.
+    """
+    from kennfeld.project import Project
+
+    return _calibrate(Project.read(path), output or path.parent / "results")
+
+
+def _calibrate(project: "Project", folder: Path) -> int:
+    from kennfeld.project.results import require_room, write
+    from kennfeld.terminal.interrupt import Interrupt
+    from kennfeld.terminal.progress import display
+    from kennfeld.terminal.table import aligned
+
+    require_room(folder)
+    complain(*_sound(project))
+    try:
+        with Interrupt() as interrupt:
+            with display("compiling") as shown:
+                result = project.calibrate(interrupt.watch(shown))
+            written = write(result, project, folder)
+    except KeyboardInterrupt:
+        complain("Stopped before there was anything to write.")
+        return INTERRUPTED
+    say(*aligned(result.table()), "", f"{result.status}: {result.message}")
+    say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
+    say(f"Written to {folder}: {', '.join(path.name for path in written)}")
+    if interrupt.pressed:
+        return INTERRUPTED
+    return DONE if result.converged else NOT_CONVERGED
+
+
+def _sound(project: "Project") -> list[Finding]:
+    """The warnings about a project; raises `InputError` where there are errors."""
+    findings = project.check()
+    if any(finding.severity == "error" for finding in findings):
+        raise InputError(findings)
+    return findings
+
+
+@app.command()
+def simulate(
+    path: ProjectFile,
+    parameters: Annotated[
+        Path | None,
+        typer.Option(
+            "-p", "--parameters", help="Calibration file to use.", show_default="the project's start", metavar="FILE"
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help=".parquet or .csv.",
+            show_default="simulation.parquet beside the project",
+            metavar="FILE",
+        ),
+    ] = None,
+) -> int:
+    """Compute the function over all datasets."""
+    from kennfeld.calfiles import read
+    from kennfeld.project import Project
+    from kennfeld.project.results import write_simulation
+
+    project = Project.read(path)
+    datasets = project.simulate(None if parameters is None else read(parameters))
+    written = write_simulation(datasets, output or path.parent / "simulation.parquet")
+    say(*(f"{data.name}: {data.samples} samples" for data in datasets), f"Written to {written}")
+    return DONE
+
+
+@app.command()
+def info(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula or project file.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> int:
+    """Show what is in a file."""
+    import json
+
+    from kennfeld.terminal.contents import contents
+
+    found = contents(path)
+    say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
+    return DONE
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="The calibration file to read.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; its ending says the format.")],
+) -> int:
+    """Turn a calibration file into another format.
+
+    The formats are .dcm, .csv (INCA's CVX) and .json.
+    """
+    from kennfeld import calfiles
+
+    complain(*calfiles.describe(source).remarks)
+    calfiles.write(calfiles.read(source), target)
+    say(f"Written to {target}")
+    return DONE

@@ -1,0 +1,272 @@
+"""Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kennfeld.arrays import Bool
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.optimize import Criterion, Pin, Problem
+from kennfeld.optimize.api import resolved
+from kennfeld.optimize.binding import Bound
+from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.project.axes import Axes
+from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
+from kennfeld.project.coverage import Coverage, touched
+from kennfeld.project.criteria import build_criteria
+from kennfeld.project.function import Function, read_function, undefined
+from kennfeld.project.initial import read_initial
+from kennfeld.project.loading import Loaded, Wanted, load
+from kennfeld.project.schema import ProjectFile
+from kennfeld.project.tables import Tables, build_tables
+
+__all__ = ["Assembly", "assemble"]
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """What came of a project file: the problem, None where an error stands in `findings`."""
+
+    findings: tuple[Finding, ...]
+    problem: Problem | None
+    seconds: float
+    places: dict[str, str]  # of the datasets, by name
+
+
+def assemble(file: ProjectFile) -> Assembly:
+    """Read everything that a project file names."""
+    began = time.perf_counter()
+    work = _Assembling(file)
+    problem = None
+    try:
+        problem = work.problem()
+    except InputError as error:
+        work.findings += error.findings
+    except ArgumentError as error:
+        work.findings.append(Finding(file.path.name, str(error)))
+    return Assembly(tuple(dict.fromkeys(work.findings)), problem, time.perf_counter() - began, dict(work.loaded.places))
+
+
+class _Assembling:
+    """The parts of a project on their way to a problem."""
+
+    def __init__(self, file: ProjectFile) -> None:
+        self.file = file
+        self.findings: list[Finding] = []
+        self.loaded = Loaded()
+        self.function: Function | None = None
+
+    def problem(self) -> Problem | None:
+        """The problem, or None where a finding is an error."""
+        file, findings = self.file, self.findings
+        calculated = read_calculated(file, findings)
+        initial = read_initial(file, findings)
+        known = [*(initial or ()), *file.parameters]
+        self.function = self._function(known, complete=initial is not None)
+        self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
+        whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
+        axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
+        # without all initial files, what a section overrides is not known, and much would seem wrong that is not
+        tables = None if initial is None else build_tables(file, initial, axes, self.function, findings)
+        criteria = build_criteria(file, self.function, self.loaded, findings)
+        self._check_datasets()
+        if tables is not None and self.function is not None:
+            self._check_tables(tables, self.function)
+        pins = self._pins(tables) if tables is not None else ()
+        if self._failed or tables is None or self.function is None:
+            return None
+        problem = self._problem(self.function, tables, criteria, pins)
+        self._check_samples(problem)
+        return None if self._failed else self._locked(problem, tables)
+
+    def _problem(
+        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], pins: tuple[Pin, ...]
+    ) -> Problem:
+        return Problem(
+            model=resolved(function.model, tables.parameters),
+            datasets=tuple(self.loaded.datasets),
+            parameters=tables.parameters,
+            criteria=criteria,
+            free=tables.patterns,
+            smoothness=tables.smoothness,
+            pins=pins,
+            channels=dict(self.file.channels),
+        )
+
+    @property
+    def _failed(self) -> bool:
+        return any(finding.severity == "error" for finding in self.findings)
+
+    def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
+        severity = "warning" if warning else "error"
+        self.findings.append(Finding(self.file.place(part), what, mend, severity=severity))  # type: ignore[arg-type]
+
+    def _function(self, known: list[str], *, complete: bool) -> Function | None:
+        """The function; what it looks up and nobody defines is found only when all initial files could be read."""
+        function = read_function(self.file, known, self.findings)
+        if function is None:
+            return None
+        lacking = undefined(function, known) if complete else []
+        self.findings += lacking
+        for name in self.file.parameters:
+            if name not in function.graph.parameters:
+                mend = nearest(name, [n for n in function.graph.parameters if n not in known])
+                self._report(f"[parameters.{name}]", f"the function does not use {name}", mend, warning=True)
+        inputs = function.graph.inputs
+        for name in self.file.channels:
+            if name not in inputs:
+                mend = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
+                self._report(f"[channels] {name}", f"{name} is no input of the function", mend)
+        return function
+
+    def _wanted(self, calculated: Calculated, *, known_all: bool) -> Wanted:
+        """The channels to read. Without all parameters an input may be a scalar, so that it may be missing."""
+        file, function = self.file, self.function
+        inputs = function.graph.inputs if function else ()
+        needed = {file.channels.get(name, name): f"the input {name} of the function" for name in reversed(inputs)}
+        axes = [*file.axes.values(), *(axis for entry in file.parameters.values() for axis in entry.axes.values())]
+        nodes = {*inputs, *(function.graph.names if function else ())}
+        quantiles = {a.input: f"the input of {a.place}" for a in axes if a.quantiles and a.input and function}
+        targets = {
+            entry.target.name: f"the target of {entry.place}"
+            for entry in file.criteria
+            if entry.target.kind in ("channel", "name")
+        }
+        optional = {**targets, **{name: why for name, why in quantiles.items() if name not in nodes}}
+        self._check_calculated(calculated, [*needed, *optional])
+        if not known_all:
+            optional, needed = {**needed, **optional}, {}
+        return Wanted(needed, optional, frozenset(needed), self._step())
+
+    def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
+        """Warn of calculated channels that nothing uses; conditions may use any."""
+        conditions = " ".join(entry.where for entry in self.file.datasets)
+        if self.function is None:
+            return
+        used = {*calculated.needed(names), *calculated.broken}
+        for name in calculated.graphs:
+            if (
+                name not in used
+                and name not in conditions
+                and not any(name in graph.inputs for graph in calculated.graphs.values())
+            ):
+                self._report(f"[calculated] {name}", "nothing uses this channel", warning=True)
+
+    def _step(self) -> float | None:
+        """The model's own step, where it matters."""
+        if self.function is None or not (self.function.graph.states or uses_clock(self.function.graph)):
+            return None
+        return self.file.model.step or self.function.model.step
+
+    def _check_datasets(self) -> None:
+        entries = self.file.datasets
+        if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
+            mend = 'Write use = "training" and a weight above 0 in one of them.'
+            self._report("[[dataset]]", "no dataset is used for training", mend)
+        if self.function is None or not uses_clock(self.function.graph):
+            return
+        for data in self.loaded.datasets:
+            if data.time is None:
+                what = f"the function needs time steps, but dataset {data.name} has no time stamps"
+                self.findings.append(Finding(self.loaded.places[data.name], what, "Name the time channel `time`."))
+
+    def _check_tables(self, tables: Tables, function: Function) -> None:
+        """What the function and its parameters must agree on."""
+        for name, count in function.graph.parameters.items():
+            if name not in tables.parameters:
+                continue
+            parameter = tables.parameters[name]
+            has = len(parameter.index_axes)
+            if has != count:
+                what = f"{name} is given {_coordinates(count)}, but it is a {parameter.kind} with {has} axes"
+                self.findings.append(Finding(function.place(name), what, "Correct one of them."))
+            missing = np.argwhere(~np.isfinite(parameter.values))
+            if missing.size:
+                at = ", ".join(str(int(i) + 1) for i in missing[0])
+                what = f"{len(missing)} of {parameter.size} initial values of {name} are not finite"
+                where = f", the first at {at}" if at else ""
+                mend = "Complete the file, or write initial = ... in its section."
+                self._report(f"[parameters.{name}] initial", what + where, mend)
+        if not tables.free and function.graph.parameters:
+            self._report("[calibration] free", "no parameter that the function uses is free", 'Write free = ["*"].')
+
+    def _pins(self, tables: Tables) -> tuple[Pin, ...]:
+        made = []
+        for name, entry in self.file.parameters.items():
+            table = tables.parameters[name]
+            for number, pin in enumerate(entry.pins, 1):
+                part = f"[parameters.{name}] pin {number}"
+                if len(pin.at) != len(table.index_axes):
+                    what = f"{list(pin.at)} has {_coordinates(len(pin.at))}, {name} has {len(table.index_axes)} axes"
+                    self._report(part, what, "Write at = [...], one an axis.")
+                    continue
+                if name not in tables.free and self.function is not None and name in self.function.graph.parameters:
+                    self._report(part, f"{name} is not free", "Free it, or remove the pin.")
+                self._check_beyond(part, pin.at, table)
+                if name in tables.free:
+                    made.append(Pin(name, pin.at, pin.value))
+        return tuple(made)
+
+    def _check_beyond(self, part: str, at: tuple[float, ...], table: Parameter) -> None:
+        for x, axis in zip(at, table.index_axes, strict=True):
+            first, last = axis.breakpoints[0], axis.breakpoints[-1]
+            if not first <= x <= last:
+                what = f"{x:g} lies beyond the axis, {first:g} to {last:g}"
+                self._report(part, what, "The pin holds where the lookup ends up.", warning=True)
+
+    def _check_samples(self, problem: Problem) -> None:
+        """Datasets and criteria that no sample reaches."""
+        for bound in problem.training:
+            if not bound.count:
+                place = self.loaded.places[bound.dataset.name]
+                what = f"no sample of dataset {bound.dataset.name} has all inputs: {_emptiest(problem, bound)}"
+                self.findings.append(Finding(place, what, "Check these channels, or max_gap."))
+        if not any(bound.count for bound in problem.training):
+            return
+        for entry, criterion in zip(self.file.criteria, problem.criteria, strict=True):
+            reached = any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training)
+            if not reached:
+                what = f"no training sample reaches the criterion on {entry.node}"
+                mend = "Check its target channel and the conditions of the datasets."
+                self.findings.append(Finding(entry.place, what, mend))
+
+    def _locked(self, problem: Problem, tables: Tables) -> Problem:
+        """The problem with the values locked that no training sample touches, where that is asked for."""
+        names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
+        if not names:
+            return problem
+        coverage = Coverage(problem.model.graph, problem.parameters, names)
+        seen = {name: np.zeros(problem.parameters[name].values.shape, dtype=bool) for name in names}
+        for bound in problem.training:
+            for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
+                seen[name] |= mask
+        changed = [problem.parameters[name].changed(locked=~mask) for name, mask in seen.items()]
+        return replace(problem, parameters=problem.parameters.with_parameters(*changed))
+
+
+def _counting(problem: Problem) -> Callable[[Bound], Bool]:
+    """The samples that count: without states those with a target, else all, since the later ones depend on them."""
+
+    def counts(bound: Bound) -> Bool:
+        if problem.model.graph.states:
+            return np.ones(bound.count, dtype=bool)
+        scored = [np.isfinite(problem.target(criterion, bound)) for criterion in problem.criteria]
+        return np.asarray(np.logical_or.reduce(scored))
+
+    return counts
+
+
+def _emptiest(problem: Problem, bound: Bound) -> str:
+    """The input channels that miss most, with their share."""
+    shares = {}
+    for name in problem.model.graph.inputs:
+        channel = problem.channels.get(name, name)
+        shares[channel] = float(np.mean(~np.isfinite(bound.dataset[channel].values)))
+    worst = sorted((c for c in shares if shares[c] > 0), key=lambda c: -shares[c])[:3]
+    return ", ".join(f"{name} is missing in {shares[name]:.0%}" for name in worst) or "the data are empty"
+
+
+def _coordinates(count: int) -> str:
+    return f"{count or 'no'} coordinate{'s' * (count != 1)}"

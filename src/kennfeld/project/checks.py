@@ -1,0 +1,154 @@
+"""Warnings about a problem that can be solved, but perhaps not as it was meant."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Dataset
+from kennfeld.errors import Finding
+from kennfeld.graph.lowering import dependent
+from kennfeld.optimize import Problem
+from kennfeld.optimize.problem import difference
+from kennfeld.parameters import Parameter
+from kennfeld.project.coverage import Coverage
+from kennfeld.project.function import coordinates_of
+from kennfeld.project.schema import DIRECTIONS, ProjectFile
+
+__all__ = ["warnings_of"]
+
+_MISSING = 0.1  # share of samples without a value that is worth a word
+_OUTSIDE = 0.05  # share of samples beyond the ends of an axis that is worth a word
+_SAME_UNITS = (
+    ("rpm", "1/min", "min-1", "min^-1", "upm", "u/min", "rev/min", "r/min"),
+    ("deg", "°", "degree", "degrees", "grad"),
+    ("degc", "°c", "c", "celsius", "deg_c", "deg c"),
+    ("degcrk", "°crk", "°kw", "°ca", "degca", "deg_crk", "degkw", "degcrs"),
+    ("%", "pct", "percent"),
+    ("s", "sec", "second", "seconds"),
+    ("nm", "n.m", "n*m", "n m"),
+    ("mg/stk", "mg/hub", "mg/str", "mg/stroke", "mg/inj"),
+    ("km/h", "kmh", "kph"),
+    ("l/h", "l/hr"),
+    ("kg/h", "kg/hr"),
+)
+_UNIT = {unit: units[0] for units in _SAME_UNITS for unit in units}
+
+
+def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
+    """What is odd about the data, the units and the axes."""
+    found = [
+        *_units(problem, places),
+        *_channels(problem, places),
+        *_axes(file, problem),
+        *_beyond(file, problem),
+        *_idle(file, problem),
+    ]
+    return [Finding(place, what, mend, severity="warning") for place, what, mend in found]
+
+
+_Warning = tuple[str, str, str]
+
+
+def _units(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
+    """Channels in another unit than the function or the target's node says."""
+    units = problem.model.graph.units
+    pairs = [(name, problem.channels.get(name, name), "input") for name in problem.model.graph.inputs]
+    pairs += [(c.node, c.target.name, "node") for c in problem.criteria if c.target.kind == "channel"]
+    for data in problem.datasets:
+        for name, channel, kind in dict.fromkeys(pairs):
+            own, recorded = units.get(name, ""), data[channel].unit if channel in data else ""
+            if _plain(own) and _plain(recorded) and _plain(own) != _plain(recorded):
+                what = f"channel {channel} is in {recorded}, the {kind} {name} of the function in {own}"
+                yield places[data.name], what, "Convert it in [calculated], or correct the unit."
+
+
+def _plain(unit: str) -> str:
+    """The unit without spelling; empty where it says nothing.
+
+    >>> _plain("1/min") == _plain("rpm"), _plain("-")
+    (True, '')
+    """
+    folded = unit.strip().casefold()
+    return "" if folded in ("-", "--", "1", "none") else _UNIT.get(folded, folded)
+
+
+def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
+    """Channels with many gaps, and channels that never change."""
+    training = [bound.dataset for bound in problem.training]
+    names = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
+    names += [c.target.name for c in problem.criteria if c.target.kind == "channel"]
+    for name in dict.fromkeys(names):
+        known = [data[name].values[_counted(data)] for data in training if name in data]
+        for data, values in zip((d for d in training if name in d), known, strict=True):
+            share = float(np.mean(~np.isfinite(values))) if values.size else 0.0
+            if share > _MISSING:
+                yield places[data.name], f"channel {name} is missing in {share:.0%} of the samples", ""
+        whole = np.concatenate(known) if known else np.empty(0)
+        whole = whole[np.isfinite(whole)]
+        if whole.size > 1 and np.all(whole == whole[0]):
+            what = f"channel {name} is {whole[0]:g} throughout the training data"
+            yield places[training[0].name], what, "Is it the right channel?"
+
+
+def _counted(data: Dataset) -> slice | Float:
+    """The samples that count; those between them, on a finer step, hold no targets."""
+    return slice(None) if data.scored is None else data.scored  # type: ignore[return-value]
+
+
+def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Axes that say they carry something else than the function looks up with."""
+    graph = problem.model.graph
+    known = {*graph.inputs, *graph.names}
+    for name in graph.parameters:
+        entry = file.parameters.get(name)
+        fed = coordinates_of(graph, name)
+        axes = problem.parameters[name].axes if entry else ()
+        for direction, axis, given in zip(DIRECTIONS, axes, fed, strict=False):
+            own = entry is not None and direction in entry.axes
+            if own and axis.input in known and given in known and axis.input != given:
+                what = f"the axis carries {axis.input}, but the function looks {name} up with {given}"
+                yield file.place(f"[parameters.{name}] {direction}"), what, "Are the axes exchanged?"
+
+
+def _beyond(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Axes that the data leave at an end in many samples; only where no parameter can change that."""
+    graph, parameters = problem.model.graph, problem.parameters
+    tables = [name for name in graph.parameters if parameters[name].axes]
+    coverage = Coverage(graph, parameters, tables, of_data_alone=True)
+    tally: dict[tuple[str, int], list[float]] = {}
+    for bound in problem.training:
+        for block in coverage.blocks(bound):
+            for i, x in enumerate(block.coordinates):
+                _count(tally.setdefault((block.name, i), [0, 0, np.inf, -np.inf]), x, parameters[block.name], i)
+    for (name, i), (outside, total, low, high) in tally.items():
+        if total and outside / total > _OUTSIDE:
+            points = parameters[name].axes[i].breakpoints
+            what = (
+                f"{outside / total:.0%} of the training samples lie beyond the axis, which ends at {points[0]:g} "
+                f"and {points[-1]:g}; the data go from {low:g} to {high:g}"
+            )
+            yield file.place(f"[parameters.{name}] {DIRECTIONS[i]}"), what, "Widen the axis."
+
+
+def _count(tally: list[float], x: Float, table: Parameter, axis: int) -> None:
+    points = table.axes[axis].breakpoints
+    known = x[np.isfinite(x)]
+    if known.size:
+        tally[0] += int(np.count_nonzero((known < points[0]) | (known > points[-1])))
+        tally[1] += known.size
+        tally[2], tally[3] = min(tally[2], float(known.min())), max(tally[3], float(known.max()))
+
+
+def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Criteria that no free parameter reaches, and free parameters that reach no criterion."""
+    graph, free = problem.graph, set(problem.free_names)
+    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in free)
+    ends = [graph.names[difference(i)] for i in range(len(problem.criteria))]
+    for entry, at in zip(file.criteria, ends, strict=True):
+        if at not in moving:
+            yield entry.place, f"no free parameter changes {entry.node}", "Is it the right node?"
+    for name in problem.free_names:
+        reached = dependent(graph, lambda node, name=name: node.op == "lookup" and node.payload == name)  # type: ignore[misc]
+        if reached.isdisjoint(ends):
+            yield file.place("[calibration] free"), f"{name} changes no criterion, so it keeps its start", ""

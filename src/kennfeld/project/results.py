@@ -1,0 +1,201 @@
+"""What a run leaves in its folder: complete, or the folder as it was."""
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.calfiles import write as write_parameters
+from kennfeld.dataset import Dataset
+from kennfeld.errors import InputError
+from kennfeld.optimize import Result, TraceLine
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Simulated", "require_room", "write", "write_simulation"]
+
+ELSEWHERE = "Name another folder with -o."
+
+
+class Simulated(Protocol):
+    """The part of a project that results need."""
+
+    @property
+    def formats(self) -> Sequence[str]:
+        """File endings of the calibration formats asked for, such as `.dcm`."""
+
+    def simulate(self, parameters: ParameterSet | None = None) -> list[Dataset]:
+        """Nodes and targets over all datasets."""
+
+
+def write(result: Result, project: Simulated, folder: str | Path) -> tuple[Path, ...]:
+    """Write a result into a folder and give the paths of its files.
+
+    Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
+    """
+    target = Path(folder)
+    simulation = project.simulate(result.parameters)
+    with _written_beside(target) as scratch:
+        for ending in dict.fromkeys((".json", *project.formats)):
+            write_parameters(result.parameters, scratch / f"parameters{ending}")
+        _write_trace(result.trace, scratch / "trace.csv")
+        _save(simulation, scratch / "simulation.parquet")
+        _write_json(result.as_json(), scratch / "result.json")
+        names = [path.name for path in sorted(scratch.iterdir(), key=lambda path: path.name == "result.json")]
+        _move(names, scratch, target)
+    return tuple(target / name for name in names)
+
+
+def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
+    """Write simulated datasets, one below the other, as Parquet or CSV by the ending of `path`."""
+    target = Path(path)
+    if target.suffix.lower() not in (".parquet", ".csv"):
+        raise InputError.of(
+            str(target), f"{target.suffix or 'no ending'} is no format for a simulation", "Write .parquet or .csv."
+        )
+    with _written_beside(target.parent) as scratch:
+        _save(datasets, scratch / target.name)
+        _move([target.name], scratch, target.parent)
+    return target
+
+
+def require_room(folder: str | Path) -> None:
+    """Raise `InputError` where nothing can be written into a folder; leaves no trace."""
+    target = Path(folder)
+    made = [path for path in (target, *target.parents) if not path.exists()]
+    try:
+        with _written_beside(target) as scratch:
+            (scratch / "result.json").write_bytes(b"{}")
+    finally:
+        for path in made:
+            with suppress(OSError):
+                path.rmdir()
+
+
+@contextmanager
+def _written_beside(folder: Path) -> Iterator[Path]:
+    """A hidden folder within `folder`, which is made if need be; it is gone at the end, whatever happens."""
+    scratch = folder / f".kennfeld-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch.mkdir()
+        yield scratch
+    except OSError as error:
+        raise InputError.of(str(folder), f"cannot be written: {error.strerror or error}", ELSEWHERE) from None
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _move(names: Sequence[str], scratch: Path, folder: Path) -> None:
+    """Put finished files in place; where one cannot be replaced, the others are put back."""
+    before = scratch / "before"
+    before.mkdir()
+    moved: list[str] = []
+    try:
+        for name in names:
+            if (folder / name).exists():
+                _duplicate(folder / name, before / name)
+            moved.append(name)
+            (scratch / name).replace(folder / name)
+    except BaseException:
+        for name in moved:
+            _restore(before / name, folder / name)
+        raise
+
+
+def _duplicate(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target)
+    except OSError:  # not every file system has hard links
+        shutil.copy2(source, target)
+
+
+def _restore(before: Path, path: Path) -> None:
+    with suppress(OSError):
+        if before.exists():
+            before.replace(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _write_json(content: Any, path: Path) -> None:
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _write_trace(trace: Sequence[TraceLine], path: Path) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(field.name for field in fields(TraceLine))
+        writer.writerows(astuple(line) for line in trace)
+
+
+def _save(datasets: Sequence[Dataset], path: Path) -> None:
+    if path.suffix.lower() == ".csv":
+        from pyarrow import csv as arrow_csv
+
+        arrow_csv.write_csv(_table(datasets), path)
+    else:
+        from pyarrow import parquet
+
+        parquet.write_table(_table(datasets), path)
+
+
+def _table(datasets: Sequence[Dataset]) -> Any:
+    """Columns dataset, piece (counted from 1), time, then the channels; no value where a dataset lacks one."""
+    import pyarrow as pa
+
+    columns: dict[str, tuple[Any, str]] = {
+        "dataset": (_names(datasets), ""),
+        "piece": (_numbers([_pieces(data) for data in datasets]), ""),
+        "time": (_numbers([_nothing(data) if data.time is None else data.time for data in datasets]), "s"),
+    }
+    for name in dict.fromkeys(name for data in datasets for name in data):
+        values = _numbers([data[name].values if name in data else _nothing(data) for data in datasets])
+        unit = next(data[name].unit for data in datasets if name in data)
+        columns[f"{name} (model)" if name in columns else name] = (values, unit)
+    schema = [
+        pa.field(name, values.type, metadata={"unit": unit} if unit else None)
+        for name, (values, unit) in columns.items()
+    ]
+    return pa.table([values for values, _ in columns.values()], schema=pa.schema(schema))
+
+
+def _nothing(data: Dataset) -> Float:
+    return np.full(data.samples, np.nan)
+
+
+def _pieces(data: Dataset) -> Int:
+    begins = np.zeros(data.samples, dtype=np.int64)
+    begins[data.starts[data.starts < data.samples]] = 1
+    return np.cumsum(begins)
+
+
+# Arrow arrays are made from buffers below: whatever converts from Python loads pandas, which costs 0.4 s
+
+
+def _numbers(parts: Sequence[Float | Int]) -> Any:
+    """One array of all parts, without a value where it is NaN."""
+    import pyarrow as pa
+
+    values = np.concatenate(parts)
+    kind = pa.float64() if values.dtype == np.float64 else pa.int64()
+    known = np.packbits(~np.isnan(values), bitorder="little")
+    return pa.Array.from_buffers(kind, values.size, [pa.py_buffer(known), pa.py_buffer(values)])
+
+
+def _names(datasets: Sequence[Dataset]) -> Any:
+    """The name of the dataset for each sample."""
+    import pyarrow as pa
+
+    encoded = [data.name.encode() for data in datasets]
+    ends = np.cumsum([0, *(len(name) for name in encoded)], dtype=np.int32)
+    names = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+    codes = np.repeat(np.arange(len(datasets)), [data.samples for data in datasets])
+    return pa.DictionaryArray.from_arrays(_numbers([codes]), names)

@@ -1,0 +1,46 @@
+"""Simulates a project's function over its datasets."""
+
+from dataclasses import replace
+
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.optimize import Problem
+from kennfeld.optimize.scoring import simulated
+from kennfeld.parameters import ParameterSet
+from kennfeld.project.initial import described
+
+__all__ = ["simulations"]
+
+
+def simulations(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
+    """The named nodes and the target channels over every dataset; a target called like a node gets a suffix."""
+    values = problem.parameters if parameters is None else _replaced(problem, parameters)
+    return [_one(problem, data, values) for data in problem.datasets]
+
+
+def _one(problem: Problem, data: Dataset, values: ParameterSet) -> Dataset:
+    bound = problem.bind(data)
+    nodes = simulated(problem.model.graph, bound, values)
+    names = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
+    targets = [
+        Channel(f"{name} (target)" if name in nodes else name, bound.channel(name), data[name].unit)
+        for name in names
+        if name in data
+    ]
+    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=bound.scored)
+
+
+def _replaced(problem: Problem, parameters: ParameterSet) -> ParameterSet:
+    """The project's parameters with others of the same names; they may have other axes, but as many."""
+    needed = problem.model.graph.parameters
+    wrong = [
+        Finding("parameters", f"{name} is {described(parameters[name])}; the function gives it {count} coordinates")
+        for name, count in needed.items()
+        if name in parameters and len(parameters[name].index_axes) != count
+    ]
+    if wrong:
+        raise InputError(wrong)
+    try:
+        return problem.parameters.merged(parameters)
+    except ArgumentError as error:
+        raise InputError.of("parameters", str(error)) from None

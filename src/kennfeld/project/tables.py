@@ -1,0 +1,246 @@
+"""The parameters of a project: today's calibration, overridden by `[parameters.NAME]`."""
+
+import glob
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.errors import ArgumentError, Finding, nearest
+from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.parameters import Axis, Parameter, ParameterSet, parameter
+from kennfeld.project.axes import Axes
+from kennfeld.project.function import Function, coordinates_of
+from kennfeld.project.initial import described, sized
+from kennfeld.project.schema import DIRECTIONS, ParameterEntry, ProjectFile, Range
+
+__all__ = ["Tables", "build_tables"]
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The parameters before the first iteration; `free` are the names to fit, `unlocked` still want "no-data"."""
+
+    parameters: ParameterSet
+    free: tuple[str, ...] = ()
+    smoothness: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    locked_without_data: tuple[str, ...] = ()
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The free names as glob patterns that match nothing else."""
+        return tuple(glob.escape(name) for name in self.free)
+
+
+def build_tables(
+    file: ProjectFile, initial: ParameterSet, axes: Axes, function: Function | None, findings: list[Finding]
+) -> Tables | None:
+    """The parameters of a project; None where one of them cannot be made."""
+    made: dict[str, Parameter] = {}
+    for entry in file.parameters.values():
+        table = _Table(entry, initial, axes, function, findings).made()
+        if table is not None:
+            made[entry.name] = table
+    try:
+        parameters = initial.merged(ParameterSet(made.values()))
+    except ArgumentError as error:
+        mend = "Tables of one group axis share their breakpoints: give each of them { axis = ... }."
+        findings.append(Finding(file.place("[axes]"), str(error), mend))
+        return None
+    if len(made) < len(file.parameters):
+        return None
+    return Tables(
+        parameters,
+        _free(file, parameters, function, findings),
+        {name: found for name, entry in file.parameters.items() if (found := _factors(entry, made[name], findings))},
+        tuple(name for name, entry in file.parameters.items() if entry.lock == "no-data"),
+    )
+
+
+class _Table:
+    """One parameter on its way from the project file."""
+
+    def __init__(
+        self,
+        entry: ParameterEntry,
+        initial: ParameterSet,
+        axes: Axes,
+        function: Function | None,
+        findings: list[Finding],
+    ) -> None:
+        self.entry, self.axes, self.function, self.findings = entry, axes, function, findings
+        self.old = initial.get(entry.name)
+
+    def made(self) -> Parameter | None:
+        """The parameter, or None with a finding."""
+        entry, before = self.entry, len(self.findings)
+        axes = self._axes()
+        values = None if axes is None else self._values(axes)
+        if values is None or axes is None:
+            return None
+        attributes: dict[str, Any] = {"unit": entry.unit, "description": entry.description}
+        attributes |= {"extrapolation": entry.extrapolation, **self._bounds(values)}
+        attributes = {key: value for key, value in attributes.items() if value is not None}
+        if any(finding.severity == "error" for finding in self.findings[before:]):
+            return None
+        if self.old is not None and self.old.kind == "block" and not entry.axes:
+            table = self.old.changed(values=values, **attributes)
+        else:
+            table = parameter(entry.name, values, axes, **self._inherited(values) | attributes)
+        return table.changed(locked=self._locked(table))
+
+    def _report(self, key: str, what: str, mend: str = "", *, warning: bool = False) -> None:
+        severity: Any = "warning" if warning else "error"
+        self.findings.append(Finding(f"{self.entry.place} {key}".strip(), what, mend, severity=severity))
+
+    def _inherited(self, values: Float) -> dict[str, Any]:
+        """What the initial file says besides values and axes; bounds only while the shape stays."""
+        if self.old is None:
+            unit = self.function.graph.units.get(self.entry.name, "") if self.function else ""
+            return {"unit": unit}
+        kept = ["unit", "description", "extrapolation"]
+        if self.old.values.shape == values.shape:
+            kept += ["lower", "upper"]
+        return {name: getattr(self.old, name) for name in kept}
+
+    def _axes(self) -> tuple[Axis, ...] | None:
+        """The axes: those of the project file over those of the initial file."""
+        given = self.entry.axes
+        old = self.old.axes if self.old is not None else ()
+        count = max([len(old), *(DIRECTIONS.index(direction) + 1 for direction in given)])
+        fed = coordinates_of(self.function.graph, self.entry.name) if self.function else []
+        made: list[Axis | None] = []
+        for i, direction in enumerate(DIRECTIONS[:count]):
+            if direction in given:
+                made.append(self.axes.made(given[direction], fed[i] if i < len(fed) else ""))
+            elif i < len(old):
+                made.append(old[i])
+            else:
+                self._report(direction, "the axis is missing", f"Write {direction} = {{ ... }}.")
+                made.append(None)
+        whole = tuple(axis for axis in made if axis is not None)
+        return whole if len(whole) == len(made) else None
+
+    def _values(self, axes: Sequence[Axis]) -> Float | None:
+        shape = tuple(len(axis) for axis in axes)
+        if self.old is not None and self.old.kind == "block" and not axes:
+            shape = self.old.values.shape
+        given = self.entry.initial
+        if given is not None:
+            return self._spread("initial", given, shape, axes)
+        if self.old is None:
+            what = "the parameter is in no initial file and has no values"
+            self._report("initial", what, "Write initial = 0.0, or all values.")
+            return None
+        if self.old.kind != "block" and len(self.old.axes) == len(axes):
+            return _regridded(self.old, axes)
+        if self.old.values.shape == shape:
+            return self.old.values
+        what = f"the initial file holds {described(self.old)}, the axes here ask for {sized(shape)}"
+        self._report("initial", what, "Write initial = 0.0, or all values.")
+        return None
+
+    def _spread(self, key: str, given: Float, shape: tuple[int, ...], axes: Sequence[Axis] = ()) -> Float | None:
+        if given.ndim == 0 or given.shape == shape:
+            return np.array(np.broadcast_to(given, shape))
+        if not shape:
+            mend = "Give it an axis, x = { ... }, or a single number."
+            self._report(key, f"{sized(given.shape)} values for a scalar", mend)
+            return None
+        what = f"has {sized(given.shape)} values; its axes ask for {sized(shape)}"
+        turned = given.shape == shape[::-1] and len(shape) == 2
+        mend = "It seems to be transposed: write a row for each x." if turned else "Write a row for each x."
+        self._report(key, what, mend if len(shape) > 1 else "Write one value a breakpoint.")
+        return None
+
+    def _bounds(self, values: Float) -> dict[str, Float]:
+        """Bounds of the table's shape; reports where they leave the start outside."""
+        if self.entry.bounds is None:
+            return {}
+        sides = [self._spread("bounds", side, values.shape) for side in self.entry.bounds]
+        lower, upper = sides
+        if lower is None or upper is None:
+            return {}
+        outside = (values < lower) | (values > upper)
+        if outside.any():
+            at = tuple(np.argwhere(outside)[0])
+            what = f"{int(outside.sum())} of {values.size} initial values lie outside, such as {values[at]:g}"
+            self._report("bounds", what, "They will be moved onto the bounds.", warning=True)
+        return {"lower": lower, "upper": upper}
+
+    def _locked(self, table: Parameter) -> Bool:
+        """The values that a lock holds; those without data are found later."""
+        lock = self.entry.lock
+        if isinstance(lock, bool) or lock == "no-data":
+            return np.full(table.values.shape, lock is True)
+        held = np.zeros(table.values.shape, dtype=bool)
+        for number, part in enumerate(lock, 1):
+            held |= self._range(table, part, f"lock {number}")
+        return held
+
+    def _range(self, table: Parameter, part: Range, key: str) -> Bool:
+        inside = np.ones(table.values.shape, dtype=bool)
+        for direction, (first, last) in part.items():
+            which = DIRECTIONS.index(direction)
+            if which >= len(table.axes):
+                self._report(key, f"{table.name} has no axis {direction}")
+                return np.zeros(table.values.shape, dtype=bool)
+            points = table.axes[which].breakpoints
+            shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
+            inside &= ((points >= first) & (points <= last)).reshape(shape)
+        if not inside.any():
+            self._report(key, "no grid point lies in this range", warning=True)
+        return inside
+
+
+def _regridded(old: Parameter, axes: Sequence[Axis]) -> Float:
+    """The table interpolated onto other axes."""
+    values = old.values
+    for i, (before, after) in enumerate(zip(old.axes, axes, strict=True)):
+        if not np.array_equal(before.breakpoints, after.breakpoints):
+            place = position(after.breakpoints, before.breakpoints, old.extrapolation)
+            weights = cell_weights(place, len(before))[0]
+            values = np.moveaxis(np.tensordot(weights, values, axes=(1, i)), 0, i)
+    return values
+
+
+def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -> tuple[float, ...]:
+    """Smoothness along each axis."""
+    given = entry.smoothness
+    if given is None:
+        return ()
+    if not isinstance(given, Mapping):
+        return (given,) * len(table.axes)
+    known = DIRECTIONS[: len(table.axes)]
+    for direction in given:
+        if direction not in known:
+            what = f"{entry.name} has no axis {direction}"
+            findings.append(Finding(f"{entry.place} smoothness", what, f"It has {', '.join(known) or 'none'}."))
+    return tuple(given.get(direction, 0.0) for direction in known)
+
+
+def _free(
+    file: ProjectFile, parameters: ParameterSet, function: Function | None, findings: list[Finding]
+) -> tuple[str, ...]:
+    """The parameters to fit among those that the function uses."""
+    used = list(function.graph.parameters) if function else list(parameters)
+    chosen = set()
+    for pattern in file.calibration.free:
+        matches = {name for name in parameters if fnmatchcase(name, pattern) or name == pattern}
+        chosen |= matches
+        place = file.place("[calibration] free")
+        if not matches and (parameters or pattern != "*"):
+            mend = nearest(pattern, parameters)
+            findings.append(Finding(place, f"{pattern} matches no parameter", mend))
+        elif matches and matches.isdisjoint(used):
+            names = ", ".join(sorted(matches)[:5])
+            what = f"{pattern} matches only parameters that the function does not use: {names}"
+            findings.append(Finding(place, what, severity="warning"))
+    for name, entry in file.parameters.items():
+        if entry.free is not None:
+            (chosen.add if entry.free else chosen.discard)(name)
+    return tuple(name for name in used if name in chosen and name in parameters)

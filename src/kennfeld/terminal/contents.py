@@ -1,0 +1,182 @@
+"""What is in a file of any kind: as tables for a person, and as JSON for a program."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from kennfeld import calfiles, measurement
+from kennfeld.calfiles.dcm_lines import recognises_dcm
+from kennfeld.errors import InputError
+from kennfeld.measurement.sniff import Kind, kind_of
+from kennfeld.models import Model
+from kennfeld.models import formula as formulas
+from kennfeld.project import Project
+from kennfeld.terminal.table import aligned
+
+__all__ = ["Contents", "contents"]
+
+Table = Sequence[Sequence[str]]  # the heading first
+
+_SECTION = re.compile(r"^[ \t]*\[{1,2}(model|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE)
+_LINE_OF_FORMULA = re.compile(
+    r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
+    r"|(?:input|output|scalar|curve|map|cube|step|def)\s+\S)"
+)
+_CALIBRATIONS = (Kind.DCM, Kind.CVX, Kind.JSON)
+_HEAD = 65536
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A file: what it is, in a sentence and in tables; `as_json` says the same to programs."""
+
+    summary: str
+    tables: Sequence[Table]
+    notes: Sequence[str]
+    as_json: Mapping[str, Any]
+
+    def lines(self) -> list[str]:
+        """The text that a person reads."""
+        blocks = [[self.summary], *(aligned(table) for table in self.tables if len(table) > 1), list(self.notes)]
+        return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
+
+
+def contents(path: str | Path) -> Contents:
+    """What is in a measurement, calibration, formula or project file, told by its content.
+
+    Raises `InputError` where there is no such file, or it can be read as none of these.
+    """
+    file = Path(path)
+    if not file.is_file():  # a folder, a missing file, or a sheet behind a #
+        return _measurement(measurement.describe(path))
+    kind, head = _sniffed(file)
+    if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
+        return _project(file)
+    if file.suffix.lower() == ".kf":
+        return _formula(file, formulas.read(file))
+    if kind in _CALIBRATIONS or (kind is Kind.CSV and recognises_dcm(head)):
+        return _calibration(calfiles.describe(file))
+    if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
+        return _formula(file, formulas.formula(file.read_text(encoding="utf-8-sig"), file.name))
+    return _measurement(measurement.describe(path))
+
+
+def _sniffed(file: Path) -> tuple[Kind, str]:
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(_HEAD)
+        return kind_of(file)[0], head.decode("utf-8", errors="replace").replace("\r\n", "\n")
+    except OSError as error:
+        raise InputError.of(str(file), f"cannot be read: {error.strerror or error}") from None
+
+
+def _first_line(text: str) -> str:
+    """The first line that is not empty and no comment."""
+    lines = (line.removeprefix("\ufeff").strip() for line in text.split("\n"))
+    return next((line for line in lines if line and not line.startswith("#")), "")
+
+
+def _measurement(found: measurement.Description) -> Contents:
+    tables, notes = [], []
+    for table in found.tables:
+        rows = [("channel", "unit", "samples", "missing", "minimum", "maximum")]
+        rows += [
+            (c.name, c.unit, str(c.samples), f"{c.nan_share:.1%}", _number(c.minimum), _number(c.maximum))
+            for c in table.channels
+        ]
+        tables.append(rows)
+        if table.details:
+            notes.append(f"{table.name or found.file}: {', '.join(f'{k} {v}' for k, v in table.details.items())}")
+        if table.time:
+            step = "" if table.time.step is None else f", a sample every {table.time.step:g} s"
+            notes.append(f"time from {table.time.begin:g} s to {table.time.end:g} s{step}")
+        if table.left_out:
+            notes.append(f"columns without numbers: {', '.join(table.left_out)}")
+    size = " and ".join(f"{len(table.channels)} channels over {table.samples} samples" for table in found.tables)
+    summary = f"{found.file}: measurement ({found.kind}), {size}"
+    return Contents(summary, tables, notes, {"content": "measurement", **_plain(found.as_dict())})
+
+
+def _calibration(found: calfiles.CalibrationFile) -> Contents:
+    rows = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
+    rows += [
+        (p.name, p.kind, " x ".join(map(str, p.shape)), p.unit, _number(p.minimum), _number(p.maximum), p.description)
+        for p in found.parameters
+    ]
+    axes = [("group axis", "size", "unit", "begin", "end")]
+    axes += [(a.name, str(len(a)), a.unit, _number(a.breakpoints[0]), _number(a.breakpoints[-1])) for a in found.axes]
+    texts = [("text", "content"), *((text.name, text.text) for text in found.texts)]
+    values = sum(math.prod(p.shape) for p in found.parameters)
+    summary = f"{found.path.name}: calibration ({found.kind}), {len(found.parameters)} parameters, {values} values"
+    as_json = {
+        "content": "calibration",
+        "file": found.path.name,
+        "kind": found.kind,
+        "parameters": [asdict(p) for p in found.parameters],
+        "axes": [
+            {"name": a.name, "input": a.input, "unit": a.unit, "breakpoints": a.breakpoints.tolist()}
+            for a in found.axes
+        ],
+        "texts": [asdict(text) for text in found.texts],
+        "remarks": [str(remark) for remark in found.remarks],
+    }
+    return Contents(summary, [rows, axes, texts], [str(remark) for remark in found.remarks], _plain(as_json))
+
+
+def _formula(file: Path, model: Model) -> Contents:
+    graph = model.graph
+    outputs = set(graph.outputs)
+    nodes = [("node", "unit", "")]
+    nodes += [(name, graph.units.get(name, ""), "output" if name in outputs else "") for name in graph.names]
+    inputs = [("input", "unit"), *((name, graph.units.get(name, "")) for name in graph.inputs)]
+    words = ("scalar", "curve", "map", "cube", "cube")
+    parameters = [("parameter", "kind"), *((name, words[axes]) for name, axes in graph.parameters.items())]
+    memory = f", {len(graph.states)} states" if graph.states else ""
+    as_json = {
+        "content": "formula",
+        "file": file.name,
+        "step": model.step,
+        "states": len(graph.states),
+        "inputs": [{"name": name, "unit": graph.units.get(name, "")} for name in graph.inputs],
+        "parameters": [{"name": name, "kind": words[axes]} for name, axes in graph.parameters.items()],
+        "nodes": [{"name": name, "unit": graph.units.get(name, ""), "output": name in outputs} for name in graph.names],
+    }
+    return Contents(f"{file.name}: formula, {len(graph.names)} nodes{memory}", [inputs, parameters, nodes], [], as_json)
+
+
+def _project(file: Path) -> Contents:
+    project = Project.read(file)
+    given = project.file
+    datasets = [("dataset", "use", "files"), *((d.name, d.use, ", ".join(d.files)) for d in given.datasets)]
+    criteria = [("criterion", "target"), *((c.node, c.target.name or f"{c.target.value:g}") for c in given.criteria)]
+    parameters = [("parameter with settings",), *((name,) for name in given.parameters)]
+    as_json = {
+        "content": "project",
+        "file": file.name,
+        "name": project.name,
+        "model": given.model.file,
+        "initial": list(given.calibration.initial),
+        "output": list(project.formats),
+        "datasets": [{"name": d.name, "use": d.use, "files": list(d.files)} for d in given.datasets],
+        "criteria": [{"node": row[0], "target": row[1]} for row in criteria[1:]],
+        "parameters": list(given.parameters),
+    }
+    notes = [f"start: {', '.join(given.calibration.initial)}"] if given.calibration.initial else []
+    summary = f"{file.name}: project {project.name}, function {given.model.file}"
+    return Contents(summary, [datasets, criteria, parameters], notes, as_json)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or math.isnan(value) else f"{value:.6g}"
+
+
+def _plain(value: Any) -> Any:
+    """Containers and numbers that JSON can hold; what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,36 @@
+"""Lines on stdout and stderr, whatever these are connected to."""
+
+import os
+import sys
+from collections.abc import Iterable
+from typing import TextIO
+
+from kennfeld.errors import Finding
+
+__all__ = ["complain", "say"]
+
+
+def say(*lines: str) -> None:
+    """Print lines on stdout."""
+    _print(sys.stdout, lines)
+
+
+def complain(*problems: Finding | str) -> None:
+    """Print problems on stderr, each in one line; the excerpt that shows the place follows below."""
+    for problem in problems:
+        excerpt = problem.excerpt.splitlines() if isinstance(problem, Finding) else []
+        warns = isinstance(problem, Finding) and problem.severity == "warning"
+        line = " ".join(str(problem).split("\n"))
+        _print(sys.stderr, [f"warning: {line}" if warns else line, *(f"    {text}" for text in excerpt)])
+
+
+def _print(stream: TextIO, lines: Iterable[str]) -> None:
+    """Characters that the stream cannot show become question marks; a reader that has gone away is no error."""
+    encoding = stream.encoding or "utf-8"
+    text = "".join(f"{line}\n" for line in lines).encode(encoding, errors="replace").decode(encoding)
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        # what is still buffered would complain once more at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

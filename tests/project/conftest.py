@@ -1,0 +1,120 @@
+"""A small project that is right, and a way to change one thing of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kennfeld.calfiles  # noqa: F401  registers the writer of parameter sets
+from kennfeld.errors import Finding, InputError
+from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar
+from kennfeld.project import Project
+
+TEXT = """\
+input Speed[rpm]
+input Load
+base[Nm] = Gain(Speed) * Load
+Predict[Nm] = base + offset
+"""
+
+TOML = """\
+[model]
+file = "sensor.kf"
+
+[channels]
+Speed = "n"
+
+[[dataset]]
+files = ["bench.csv"]
+
+[calibration]
+initial = "start.json"
+
+[[criterion]]
+node = "Predict"
+target = "Torque"
+"""
+
+
+class Workshop:
+    """A folder with a project; `toml`, `text` and files can be replaced before it is read."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.toml, self.text = TOML, TEXT
+        self.bench("bench.csv")
+        start = [Curve("Gain", Axis([1000, 2000, 3000], input="Speed"), [1.0, 1.0, 1.0]), Scalar("offset", 0.0)]
+        self.values("start.json", *start)
+
+    def bench(self, name: str, speed=(1000, 1500, 2000, 2500, 3000, 1200), **changes) -> None:
+        """Write steady-state points of the model with Gain = 1, 2, 3 and offset = 5."""
+        n = np.asarray(speed, dtype=float)
+        load = 10.0 + np.arange(n.size) % 4
+        torque = np.interp(n, [1000, 2000, 3000], [1, 2, 3]) * load + 5
+        columns = {"n [rpm]": n, "Load": load, "Torque [Nm]": torque} | changes
+        self.csv(name, {key: column for key, column in columns.items() if column is not None})
+
+    def csv(self, name: str, columns) -> None:
+        rows = zip(*(np.asarray(column, dtype=float) for column in columns.values()), strict=True)
+        lines = [",".join(columns), *(",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in rows)]
+        self.write(name, "\n".join(lines) + "\n")
+
+    def write(self, name: str, content: str | bytes) -> None:
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+    def values(self, name: str, *parameters) -> None:
+        ParameterSet(parameters).save(self.folder / name)
+
+    def change(self, old: str, new: str) -> "Workshop":
+        """Replace a part of the project file that has to be there."""
+        assert old in self.toml
+        self.toml = self.toml.replace(old, new)
+        return self
+
+    def add(self, text: str) -> "Workshop":
+        """Put sections at the end of the project file."""
+        self.toml += text if text.startswith("\n") else f"\n{text}\n"
+        return self
+
+    @property
+    def path(self) -> Path:
+        self.write("sensor.kf", self.text)
+        self.write("kennfeld.toml", self.toml)
+        return self.folder / "kennfeld.toml"
+
+    @property
+    def project(self) -> Project:
+        return Project.read(self.path)
+
+    def findings(self) -> list[Finding]:
+        """What reading or checking finds."""
+        try:
+            return self.project.check()
+        except InputError as error:
+            return list(error.findings)
+
+    def errors(self) -> list[str]:
+        return [str(finding) for finding in self.findings() if finding.severity == "error"]
+
+    def warnings(self) -> list[str]:
+        assert self.errors() == []
+        return [str(finding) for finding in self.findings()]
+
+    def error(self) -> str:
+        """The only error."""
+        found = self.errors()
+        assert len(found) == 1, found
+        return found[0]
+
+    def warning(self) -> str:
+        """The only finding, which is a warning."""
+        found = self.warnings()
+        assert len(found) == 1, found
+        return found[0]
+
+
+@pytest.fixture
+def shop(tmp_path: Path) -> Workshop:
+    return Workshop(tmp_path)

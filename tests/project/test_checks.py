@@ -1,0 +1,78 @@
+"""Warnings about problems that can be solved."""
+
+import numpy as np
+import pytest
+
+from kennfeld.parameters import Curve, Scalar
+
+
+def test_a_channel_in_another_unit_than_its_input_is_a_warning(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None, "n [rad/s]": [1000.0, 1500, 2000, 2500, 3000, 1200]})
+    warning = shop.warning()
+    assert "channel n is in rad/s, the input Speed of the function in rpm. Convert it in [calculated]" in warning
+    assert "[[dataset]] 1 (bench)" in warning
+
+
+def test_units_that_are_spelled_differently_are_the_same(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None, "n [1/min]": [1000.0, 1500, 2000, 2500, 3000, 1200]})
+    assert shop.findings() == []
+
+
+def test_a_target_in_another_unit_than_its_node_is_a_warning(shop):
+    shop.bench("bench.csv", **{"Torque [Nm]": None, "Torque [lbft]": np.arange(6)})
+    assert "channel Torque is in lbft, the node Predict of the function in Nm" in shop.warning()
+
+
+def test_a_channel_with_many_gaps_is_a_warning(shop):
+    shop.bench("bench.csv", **{"Torque [Nm]": [1.0, np.nan, 3, np.nan, 5, 6]})
+    assert "channel Torque is missing in 33% of the samples" in shop.warning()
+
+
+def test_a_channel_that_never_changes_is_a_warning(shop):
+    shop.bench("bench.csv", **{"Load": [10.0] * 6})
+    assert "channel Load is 10 throughout the training data. Is it the right channel?" in shop.warning()
+
+
+def test_data_beyond_the_axis_are_a_warning(shop):
+    shop.values("start.json", Curve("Gain", [1000, 1100], [1, 1]), Scalar("offset", 0))
+    warning = shop.warning()
+    assert (
+        "[parameters.Gain] x: 83% of the training samples lie beyond the axis, which ends at 1000 and 1100" in warning
+    )
+    assert "the data go from 1000 to 3000" in warning
+
+
+def test_coordinates_that_parameters_move_are_not_judged_by_the_start(shop):
+    shop.text = "Predict = Gain(Speed * offset) * Load\n"
+    assert shop.findings() == []
+
+
+def test_exchanged_axes_are_a_warning(shop):
+    shop.text = "Predict = M(Speed, Load) + offset + 0 * Gain(Speed)\n"
+    shop.add(
+        "[parameters.M]\ninitial = 0\nx = { input = 'Load', begin = 1000, end = 3000, count = 3 }\n"
+        "y = { input = 'Speed', begin = 10, end = 13, count = 3 }"
+    )
+    found = shop.warnings()
+    assert any("[parameters.M] x: the axis carries Load, but the function looks M up with Speed" in w for w in found)
+
+
+def test_a_criterion_that_no_free_parameter_changes_is_a_warning(shop):
+    shop.change('initial = "start.json"', 'initial = "start.json"\nfree = "offset"')
+    shop.add('[[criterion]]\nnode = "base"\ntarget = 3')
+    assert "[[criterion]] 2: no free parameter changes base" in shop.warning()
+
+
+def test_a_free_parameter_that_reaches_no_criterion_is_a_warning(shop):
+    shop.text = shop.text + "aside = Speed * K\n"
+    shop.values("more.json", Scalar("K", 1.0))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]')
+    assert "[calibration] free: K changes no criterion, so it keeps its start" in shop.warning()
+
+
+@pytest.mark.parametrize("states", [False, True])
+def test_the_data_beyond_an_axis_are_counted_with_and_without_memory(shop, states):
+    shop.values("start.json", Curve("Gain", [1000, 1100], [1, 1]), Scalar("offset", 0))
+    if states:
+        shop.text = shop.text.replace("Gain(Speed)", "Gain(prev(Speed, Speed))")
+    assert "83% of" in shop.warning() if not states else "lie beyond the axis" in shop.warning()

@@ -1,0 +1,116 @@
+"""The model of a project and its criteria."""
+
+import numpy as np
+import pytest
+
+from kennfeld.parameters import Scalar
+
+
+def test_formula_text_with_wrong_lines_gives_every_finding(shop):
+    shop.text += "a = 1 +\nb = = 2\n"
+    assert [error.split(",")[0] for error in shop.errors()] == ["sensor.kf line 5", "sensor.kf line 6"]
+
+
+def test_an_algebraic_loop_is_named(shop):
+    shop.text += "a = b\nb = a + 1\n"
+    assert "a" in shop.error()
+    assert "loop" in shop.error()
+
+
+@pytest.mark.parametrize(
+    ("file", "expected"),
+    [
+        ("sensr.kf", "[model] file: there is no file sensr.kf. Did you mean sensor.kf?"),
+        (
+            "sensor.slx",
+            "sensor.slx is a Simulink model, which is not available in this version. Formula text (.kf) can",
+        ),
+        ("sensor.onnx", "sensor.onnx is an ONNX network, which is not available in this version"),
+        ("sensor.py:f", "sensor.py:f is a Python function, which is not available in this version"),
+        ("bench.csv", "bench.csv is no kind of model that is known. Formula text (.kf) can be read."),
+        ("lost/sensor.kf", "there is no file lost/sensor.kf. Check the path."),
+    ],
+)
+def test_a_model_file_that_cannot_be_read_is_a_finding(shop, file, expected):
+    assert shop.path
+    assert expected in shop.change("sensor.kf", file).error()
+
+
+def test_an_undeclared_scalar_is_told_from_an_input_by_the_parameters(shop):
+    shop.text = "Predict = Gain(Speed) * Load + offset\n"
+    assert shop.findings() == []
+    assert shop.project.problem().model.graph.inputs == ("Speed", "Load")
+
+
+def test_a_name_that_is_a_node_and_a_parameter_is_a_finding(shop):
+    shop.values("more.json", Scalar("base", 1.0))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]')
+    assert "base is a node and also a parameter" in shop.error()
+
+
+def test_a_channel_for_what_is_no_input_is_a_finding(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\nLoda = "Load"')
+    assert "[channels] Loda: Loda is no input of the function. Did you mean Load?" in shop.error()
+
+
+def test_a_criterion_may_be_an_expression(shop):
+    shop.add('[[criterion]]\nnode = "abs(base - 3) / 2"\ntarget = 0\nweight = 0.1')
+    assert shop.findings() == []
+    names = shop.project.problem().model.graph.names
+    assert "abs(base - 3) / 2" in names
+
+
+def test_a_criterion_may_use_channels_that_the_function_does_not(shop):
+    shop.bench("bench.csv", set=np.arange(6))
+    shop.add('[[criterion]]\nnode = "base - set"\ntarget = 0')
+    assert shop.findings() == []
+    assert shop.project.problem().model.graph.inputs == ("Speed", "Load", "set")
+
+
+def test_a_target_may_be_a_node_a_number_or_a_channel(shop):
+    shop.add('[[criterion]]\nnode = "base"\ntarget = { node = "Predict" }')
+    shop.add('[[criterion]]\nnode = "base"\ntarget = 5.0')
+    shop.add('[[criterion]]\nnode = "base"\ntarget = { channel = "Torque" }\nloss = "huber"\ndelta = 2\nscale = 3')
+    shop.add('[[criterion]]\nnode = "Predict"\ntarget = "base"')
+    assert shop.findings() == []
+    criteria = shop.project.problem().criteria
+    assert [c.target.kind for c in criteria] == ["channel", "node", "number", "channel", "node"]
+    assert (criteria[3].loss, criteria[3].delta, criteria[3].scale) == ("huber", 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "expected"),
+    [
+        (
+            'node = "Predct"\ntarget = 1',
+            "[[criterion]] 2 node: Predct is no node of the function. Did you mean Predict?",
+        ),
+        ('node = "base *"\ntarget = 1', "[[criterion]] 2 node, column 7: the expression ends too early"),
+        ('node = "base"\ntarget = { node = "Predct" }', "[[criterion]] 2 target: Predct is no node of the function"),
+        ('node = "base"\ntarget = { channel = "Toque" }', "Toque is no channel of the data. Did you mean Torque?"),
+        ('node = "base"\ntarget = "Toque"', "Toque is no channel of the data and no node. Did you mean Torque?"),
+        ('node = "base - sett"\ntarget = 0', "has no channel sett, the input sett of the function"),
+        (
+            'node = "Predict"\ntarget = { channel = "Torque" }',
+            "Predict against Torque stands already in kennfeld.toml [[",
+        ),
+    ],
+)
+def test_a_wrong_criterion_is_a_finding(shop, criterion, expected):
+    assert expected in shop.add(f"[[criterion]]\n{criterion}").error()
+
+
+def test_only_weights_of_zero_are_a_finding(shop):
+    assert "[[criterion]]: every weight is 0" in shop.change('node = "Predict"', 'node = "Predict"\nweight = 0').error()
+
+
+def test_a_criterion_that_no_sample_reaches_is_a_finding(shop):
+    shop.bench("bench.csv", **{"Torque [Nm]": [np.nan] * 6})
+    assert "[[criterion]] 1: no training sample reaches the criterion on Predict" in shop.error()
+
+
+def test_a_target_that_is_a_channel_and_a_node_is_a_warning(shop):
+    shop.bench("bench.csv", base=np.arange(6))
+    shop.add('[[criterion]]\nnode = "Predict"\ntarget = "base"')
+    assert "base is a channel of the data and a node of the function; the channel is taken" in shop.warning()
+    assert shop.project.problem().criteria[1].target.kind == "channel"

@@ -1,0 +1,145 @@
+"""What a project does: problem, calibration, simulation."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from kennfeld.dataset import Dataset
+from kennfeld.errors import InputError
+from kennfeld.parameters import Axis, Curve, Map, ParameterSet, Scalar
+from kennfeld.project.demo import torque
+
+
+def test_a_project_is_calibrated_to_the_values_behind_the_data(shop):
+    lines = []
+    result = shop.project.calibrate(lines.append)
+    assert result.status == "converged"
+    np.testing.assert_allclose(result.parameters["Gain"].values, [1, 2, 3], rtol=1e-6)
+    assert result.parameters["offset"].value == pytest.approx(5, rel=1e-6)
+    assert lines
+    assert 0 < result.seconds.read < result.seconds.total
+
+
+def test_the_published_torque_problem_runs_from_its_files(shop):
+    shop.text = torque.FORMULA
+    torque.start().save(shop.folder / "start.dcm")
+    for data in (torque.bench(), torque.fresh(200)):
+        shop.csv(f"{data.name}.csv", {f"{c.name} [{c.unit}]": c.values for c in data.channels})
+    tables = "\n".join(f"[parameters.{name}]\nsmoothness = {s}" for name, s in torque.SMOOTHNESS.items())
+    shop.toml = (
+        "model.file = 'sensor.kf'\n[calibration]\ninitial = 'start.dcm'\n[[dataset]]\nfiles = 'bench.csv'\n"
+        f"[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'\n{tables}\n"
+        "[[criterion]]\nnode = 'TorquePredict'\ntarget = 'Torque'\n[optimizer]\ncontinuation = 'off'\n"
+    )
+    assert shop.findings() == []
+    bench, fresh = shop.project.calibrate().quality
+    assert (bench.samples, fresh.use) == (2812, "test")
+    assert bench.rmse_before > 70
+    assert max(bench.rmse_after, fresh.rmse_after) < 2.2
+
+
+def test_options_reach_the_solver(shop):
+    result = shop.add("[optimizer]\nmax_iterations = 1\ncontinuation = 'off'").project.calibrate()
+    assert result.status == "max_iterations"
+
+
+def test_files_are_read_once(shop, monkeypatch):
+    from kennfeld.project import loading
+
+    read, paths = loading.read, []
+    monkeypatch.setattr(loading, "read", lambda path, *rest: paths.append(path) or read(path, *rest))
+    project = shop.project
+    assert project.seconds_read == 0
+    project.check()
+    project.calibrate()
+    project.simulate()
+    assert len(paths) == 1
+    assert project.seconds_read > 0
+
+
+def test_a_wrong_project_raises_all_its_findings(shop):
+    shop.change('"bench.csv"', '"bnch.csv"').change('"start.json"', '"strt.json"')
+    project = shop.project
+    with pytest.raises(InputError) as raised:
+        project.problem()
+    assert [finding for finding in project.check() if finding.severity == "error"] == list(raised.value.findings)
+    with pytest.raises(InputError):
+        project.calibrate()
+    with pytest.raises(InputError):
+        project.simulate()
+
+
+def test_simulation_gives_all_nodes_and_the_targets_of_every_dataset(shop):
+    shop.bench("other.csv", [1100, 2900])
+    shop.add('[[dataset]]\nfiles = "other.csv"\nuse = "test"')
+    bench, other = shop.project.simulate()
+    assert isinstance(bench, Dataset)
+    assert list(bench) == ["base", "Predict", "Torque"]
+    assert (bench.name, other.name, other.use) == ("bench", "other", "test")
+    assert bench["Predict"].values.tolist() == [10, 11, 12, 13, 10, 11]
+    assert bench["Torque"].unit == "Nm"
+
+
+def test_simulation_takes_other_values(shop):
+    (data,) = shop.project.simulate(ParameterSet([Scalar("offset", 100.0)]))
+    assert data["Predict"].values.tolist() == [110, 111, 112, 113, 110, 111]
+    finer = ParameterSet([Curve("Gain", [1000, 1500], [1.0, 2.0])])
+    (data,) = shop.project.simulate(finer)
+    assert data["Predict"].values.tolist() == [10, 22, 24, 26, 20, pytest.approx(11 * 1.4)]
+
+
+def test_simulation_refuses_tables_that_do_not_fit(shop):
+    with pytest.raises(InputError, match="Gain is a map of 1 x 1 values; the function gives it 1 coordinate"):
+        shop.project.simulate(ParameterSet([Map("Gain", [1], [1], [[1]])]))
+
+
+def test_a_simulated_target_that_is_called_like_a_node_gets_a_suffix(shop):
+    shop.bench("bench.csv", base=np.arange(6))
+    shop.add('[[criterion]]\nnode = "Predict"\ntarget = { channel = "base" }')
+    (data,) = shop.project.simulate()
+    assert data["base (target)"].values.tolist() == [0, 1, 2, 3, 4, 5]
+    assert data["base"].values.tolist() == [10, 11, 12, 13, 10, 11]
+
+
+def test_a_model_with_memory_is_calibrated_on_its_own_step(shop):
+    time, u = np.arange(200) * 0.1, np.repeat([0.0, 1.0, 0.3, 2.0, 1.2], 40)
+    fine = np.repeat(u, 2)
+    y, state = [], fine[0] * 3
+    for k, x in enumerate(np.interp(np.arange(399) / 2, np.arange(200), u)):
+        state = 3 * x if k == 0 else state + 0.05 / (0.8 + 0.05) * (3 * x - state)
+        y.append(state)
+    shop.csv("bench.csv", {"time": time, "u": u + 0.0, "y": np.array(y)[::2]})
+    shop.text = "step 0.05\nout = PT1(k * u, T)\n"
+    shop.toml = (
+        "model.file = 'sensor.kf'\n[[dataset]]\nfiles = 'bench.csv'\n[[criterion]]\nnode = 'out'\ntarget = 'y'\n"
+        "[parameters.k]\ninitial = 1\n[parameters.T]\ninitial = 2\nbounds = [0, inf]\n"
+    )
+    assert shop.findings() == []
+    result = shop.project.calibrate()
+    assert result.parameters["k"].value == pytest.approx(3, rel=1e-6)
+    assert result.parameters["T"].value == pytest.approx(0.8, rel=1e-6)
+    assert result.quality[0].samples == 200
+
+
+def test_locked_values_and_pins_hold(shop):
+    shop.add("[parameters.Gain]\nlock = [{ x = [1000, 1000] }]\npin = [{ at = 3000, value = 2.5 }]")
+    values = shop.project.calibrate().parameters["Gain"].values
+    assert values[0] == 1.0
+    assert values[2] == pytest.approx(2.5, abs=1e-9)
+
+
+def test_group_axes_survive_the_calibration(shop):
+    shop.add("[axes.A]\ninput = 'Speed'\nbreakpoints = [1000, 2000, 3000]\n[parameters.Gain]\nx = { axis = 'A' }")
+    result = shop.project.calibrate()
+    assert result.parameters.axes == (Axis([1000, 2000, 3000], "Speed", "rpm", "A"),)
+
+
+def test_reading_a_project_file_imports_neither_solver_nor_compiler(shop):
+    code = (
+        "import sys; from kennfeld.project import Project; Project.read(sys.argv[1]);"
+        "print([m for m in ('llvmlite', 'scipy', 'pandas', 'pyarrow', 'kennfeld.optimize') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code, shop.path], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,223 @@
+"""The project file alone: syntax, keys, types, and what later versions bring."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kennfeld.errors import InputError
+from kennfeld.project import Project
+
+
+def test_a_right_project_has_no_findings(shop):
+    assert shop.findings() == []
+
+
+def test_reading_looks_at_the_project_file_alone(shop):
+    shop.change('file = "sensor.kf"', 'file = "not there.kf"')
+    assert shop.project.findings == ()
+
+
+def test_a_project_is_called_like_its_folder_or_its_file(shop):
+    assert shop.project.name == shop.folder.name
+    shop.path.rename(shop.folder / "torque.toml")
+    assert Project.read(shop.folder / "torque.toml").name == "torque"
+
+
+def test_output_formats_become_file_endings(shop):
+    shop.change('initial = "start.json"', 'initial = "start.json"\noutput = ["dcm", "csv", "JSON"]')
+    assert shop.project.formats == (".dcm", ".csv", ".json")
+
+
+def test_the_optimizer_section_becomes_options(shop):
+    shop.add(
+        "[optimizer]\nmethod = 'gauss-newton'\nstarts = 1\ncontinuation = 'off'\nmax_iterations = 7\n"
+        "tolerance = 1e-4\nsave_every = 0\nseed = 3"
+    )
+    options = shop.project.options
+    assert (options.max_iterations, options.tolerance, options.continuation) == (7, 1e-4, "off")
+
+
+def test_a_missing_project_file_names_the_nearest(shop):
+    assert shop.path.is_file()
+    with pytest.raises(InputError, match=r"there is no such project file\. Did you mean kennfeld\.toml"):
+        Project.read(shop.folder / "kenfeld.toml")
+
+
+def test_a_syntax_error_has_its_line_column_and_excerpt(shop):
+    shop.change('node = "Predict"', "node = Predict")
+    with pytest.raises(InputError) as raised:
+        Project.read(shop.path)
+    (finding,) = raised.value.findings
+    assert finding.place == "kennfeld.toml line 14, column 8"
+    assert finding.excerpt == "node = Predict\n       ^"
+    assert "Text needs quotes" in str(finding)
+
+
+def test_a_project_file_cut_in_half_says_so(shop):
+    shop.toml = shop.toml[: shop.toml.index("bench.csv") + 3]
+    assert "kennfeld.toml line 8" in shop.error()
+
+
+def test_windows_paths_in_double_quotes_get_a_hint(shop):
+    shop.change('"bench.csv"', r'"data\Users\bench.csv"')
+    assert "Write paths with / or in single quotes" in shop.error()
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"[model]\nfile = '\xe4.kf'\n", "kennfeld.toml line 2: byte 0xe4 is no UTF-8. Save the file as UTF-8."),
+        (b"PK\x03\x04\0\0", "this is no text but a binary file"),
+        (b"a = " + b"[" * 5000, "brackets are nested too deeply"),
+        (b"a = " + b"1" * 5000, "a value cannot be read"),
+    ],
+)
+def test_other_files_under_the_name_are_told_apart(shop, content, expected):
+    path = shop.path
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=expected.replace("(", r"\(")):
+        Project.read(path)
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_accepted(shop):
+    path = shop.path
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert Project.read(path).check() == []
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [
+        ("[modell]\nx = 1", "[modell]: is no section that a project file knows. Did you mean model?"),
+        ("[optimizer]\nmax_iteration = 5", "[optimizer] max_iteration: is no key that a project file knows. Did you"),
+        ("[optimizer]\nmax_iterations = '5'", "[optimizer] max_iterations: '5' must be a whole number from 1 on"),
+        ("[optimizer]\nmax_iterations = true", "max_iterations: true must be a whole number from 1 on"),
+        ("[optimizer]\ntolerance = 0", "[optimizer] tolerance: 0 must be a number above 0"),
+        ("[optimizer]\ntolerance = nan", "[optimizer] tolerance: nan is no number"),
+        ("[optimizer]\ncontinuation = 'of'", "[optimizer] continuation: 'of' is unknown. Did you mean off?"),
+        ("[dataset2]", "[dataset2]: is no section that a project file knows. Did you mean dataset?"),
+        ("[[dataset]]\nfiles = ''", "[[dataset]] 2 files: '' is no text and no list of texts"),
+        ("[[dataset]]\nfiles = [1]", "[[dataset]] 2 files: [1] is no text and no list of texts"),
+        ("[[dataset]]\nname = 'a'", "[[dataset]] 2 files: the key is missing"),
+        ("[[dataset]]\nfiles = 'a'\nuse = 'training data'", "[[dataset]] 2 use: 'training data' is unknown"),
+        ("[[dataset]]\nfiles = 'a'\nweight = -1", "[[dataset]] 2 weight: -1 must be a number from 0 on"),
+        ("[[dataset]]\nfiles = 'a'\nraster = 0", "[[dataset]] 2 raster: 0 must be a number above 0"),
+        ("[[dataset]]\nfiles = 'a'\nwhere = 3", "[[dataset]] 2 where: 3 is no text"),
+        ("[[dataset]]\nfiles = 'a'\nshift = 3", "[[dataset]] 2 shift: 3 is no table"),
+        ("[[dataset]]\nfiles = 'a'\nshift = {a = 'b'}", "[[dataset]] 2 shift a: 'b' is no number"),
+        ("[[criterion]]\nnode = 'a'", "[[criterion]] 2 target: the key is missing"),
+        ("[[criterion]]\nnode = 'a'\ntarget = []", "[[criterion]] 2 target: [] is no target"),
+        ("[[criterion]]\nnode = 'a'\ntarget = {}", "[[criterion]] 2 target: needs either a channel or a node"),
+        ("[[criterion]]\nnode = 'a'\ntarget = {chanel = 'b'}", "chanel: is no key that a project file knows"),
+        ("[[criterion]]\nnode = 'a'\ntarget = 1\nloss = 'hubert'", "loss: 'hubert' is unknown. Did you mean huber?"),
+        ("[[criterion]]\nnode = 'a'\ntarget = 1\ndelta = 2", "delta has no meaning for the loss square"),
+        ("[parameters]\nGain = 3", "[parameters] Gain: 3 is no section. Write a section [parameters.Gain]."),
+        ("[parameters.Gain]\nfree = 'yes'", "[parameters.Gain] free: 'yes' is neither true nor false"),
+        ("[parameters.Gain]\nbounds = 3", "[parameters.Gain] bounds: must be a lower and an upper bound"),
+        ("[parameters.Gain]\nbounds = [0, 'high']", "bounds: the upper bound: 'high' is no number"),
+        ("[parameters.Gain]\nbounds = [nan, 1]", "bounds: the lower bound is not a number"),
+        (
+            "[parameters.Gain]\nbounds = [2, [1, 3]]",
+            "bounds: the lower bound 2 lies above the upper bound 1 at value 1",
+        ),
+        ("[parameters.Gain]\nbounds = [[1, 2, 3], [1, 3]]", "bounds: the sides have the shapes [3] and [2]"),
+        ("[parameters.Gain]\ninitial = [[1, 2], [3]]", "initial: its rows differ in length: 2 and 1"),
+        ("[parameters.Gain]\ninitial = [1, nan]", "[parameters.Gain] initial: value number 2 is nan"),
+        ("[parameters.Gain]\ninitial = []", "[parameters.Gain] initial: a list is empty"),
+        ("[parameters.Gain]\nsmoothness = -1", "[parameters.Gain] smoothness: -1 must be a number from 0 on"),
+        ("[parameters.Gain]\nsmoothness = {q = 1}", "[parameters.Gain] smoothness q: is no key"),
+        ("[parameters.Gain]\nlock = 'nodata'", "lock: 'nodata' is no lock"),
+        ("[parameters.Gain]\nlock = [{x = [2, 1]}]", "lock 1 x: must be a first and a last axis value"),
+        ("[parameters.Gain]\npin = [{at = [1]}]", "[parameters.Gain] pin 1 value: the key is missing"),
+        ("[parameters.Gain]\npin = {at = [1]}", "is no list of pins"),
+        ("[parameters.Gain]\nextrapolation = 'none'", "extrapolation: 'none' is unknown"),
+        ("[parameters.Gain]\nx = [1, 2]", "[parameters.Gain] x: breakpoints alone are no axis"),
+        ("[parameters.Gain]\nx = {breakpoints = [1, 3, 2]}", "number 3 (2) does not exceed number 2 (3)"),
+        ("[parameters.Gain]\nx = {breakpoints = 3}", "x breakpoints: must be one list of finite numbers"),
+        ("[parameters.Gain]\nx = {begin = 0, end = 1}", "x: the axis has begin, end alone"),
+        ("[parameters.Gain]\nx = {begin = 1, end = 0, count = 3}", "x end: 0 must lie above begin, 1"),
+        ("[parameters.Gain]\nx = {begin = 0, end = 1, count = 1}", "x count: 1 must be a whole number from 2 on"),
+        ("[parameters.Gain]\nx = {begin = 0, end = 1, count = 999999}", "999999 breakpoints are more than 100000"),
+        ("[parameters.Gain]\nx = {breakpoints = [1, 2], count = 2}", "breakpoints stand beside begin, end or count"),
+        ("[parameters.Gain]\nx = {axis = 'A', count = 2}", "x: a group axis brings its own breakpoints"),
+        ("[axes.A]\naxis = 'B'", "[axes.A] axis: is no key that a project file knows"),
+    ],
+)
+def test_each_wrong_key_is_one_finding(shop, section, expected):
+    shop.add(section)
+    assert expected in "\n".join(shop.errors())
+    assert all(error.startswith("kennfeld.toml ") for error in shop.errors())
+    with pytest.raises(InputError):
+        Project.read(shop.path)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        "[[limit]]\nnode = 'base'\nmax = 3",
+        "[[step]]\ngrid_reduction = 2",
+        "[optimizer]\nmethod = 'global'",
+        "[optimizer]\nstarts = 5",
+        "[optimizer]\nsave_every = 10",
+        "[parameters.Gain]\ngradient = { x = [0, inf] }",
+        "[parameters.Gain]\nsmoothness = 'auto'",
+        "[parameters.Gain]\nsmoothness = { x = 'auto' }",
+        "[[dataset]]\nfiles = 'bench.csv'\nshift = 'auto'",
+        "[[dataset]]\nfiles = 'bench.csv'\nshift = { Torque = 'auto' }",
+    ],
+)
+def test_what_a_later_version_brings_is_refused_not_ignored(shop, section):
+    assert "is not available in this version" in shop.add(section).error()
+
+
+def test_an_output_format_of_a_later_version_is_refused(shop):
+    shop.change('initial = "start.json"', 'output = ["cdfx", "dmc"]')
+    found = shop.errors()
+    assert "the format 'cdfx' is not available in this version. Choose from json, csv, dcm." in found[0]
+    assert "'dmc' is no calibration format. Did you mean dcm?" in found[1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('[model]\nfile = "sensor.kf"\n', "", "[model]: the section is missing"),
+        ('file = "sensor.kf"', "", "[model] file: the key is missing"),
+        ("[model]", "[[model]]", "[model]: [[model]] must be one section. Write [model] with single brackets."),
+        ("[[dataset]]", "[dataset]", "[[dataset]]: {'files': ['bench.csv']} must be a section. Write [[dataset]] with"),
+        ('[[dataset]]\nfiles = ["bench.csv"]\n', "", "[[dataset]]: the section is missing"),
+        ('[[criterion]]\nnode = "Predict"\ntarget = "Torque"\n', "", "[[criterion]]: the section is missing"),
+        ('Speed = "n"', "Speed = 3", "[channels] Speed: 3 is no text"),
+        ("[model]", "speed = 1\n[model]", "kennfeld.toml speed: is no key that a project file knows"),
+    ],
+)
+def test_missing_and_mistaken_sections_are_named(shop, old, new, expected):
+    assert expected in shop.change(old, new).error()
+
+
+def test_all_problems_of_the_file_come_at_once(shop):
+    shop.add("[optimizer]\ntolerance = 'x'\nmax_iterations = 0\n[foo]\n[parameters.Gain]\nbonds = [0, 1]")
+    assert len(shop.errors()) == 4
+
+
+TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", "1e999", "inf", '"', "é", "\t"]
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_damaged_project_file_raises_input_error_or_reads(shop, data):
+    from conftest import TOML
+
+    text = (
+        TOML + "\n[parameters.Gain]\nx = { input = 'Speed', count = 3 }\nbounds = [0, inf]\nlock = [{ x = [1, 2] }]\n"
+    )
+    for _ in range(data.draw(st.integers(1, 3))):
+        first = data.draw(st.integers(0, len(text)))
+        last = data.draw(st.integers(first, min(len(text), first + 12)))
+        text = text[:first] + data.draw(st.sampled_from(TOKENS)) + text[last:]
+    shop.toml = text
+    path, findings = shop.path, []
+    try:
+        findings += Project.read(path).check()
+    except InputError as error:
+        findings += error.findings
+    assert all(str(finding) and finding.place for finding in findings)

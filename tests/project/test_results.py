@@ -1,0 +1,177 @@
+import csv
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from kennfeld import Dataset, InputError, calibrate, read, read_parameters
+from kennfeld.project.results import require_room, write, write_simulation
+
+FILES = ["parameters.json", "parameters.dcm", "trace.csv", "simulation.parquet", "result.json"]
+
+
+class Line:
+    """What results need of a project: formats, and a simulation of two datasets, one of them in time."""
+
+    formats = (".dcm",)
+
+    def simulate(self, parameters=None):
+        steady = Dataset.of("bench", {"y": [1.0, 2.0], "Torque": [1.5, np.nan]}, units={"y": "Nm"})
+        moving = Dataset.of("drive", {"y": [3.0, 4.0, 5.0]}, time=np.array([0.0, 0.1, 0.0]), starts=np.array([0, 2]))
+        return [steady, moving]
+
+
+@pytest.fixture(scope="module")
+def result():
+    return calibrate("y = a + b * x", {"x": [0.0, 1, 2], "t": [1.0, 3, 5]}, {"a": 0.0, "b": 0.0}, target="t")
+
+
+def everything_in(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
+def test_a_run_leaves_these_files_and_no_others(result, tmp_path):
+    written = write(result, Line(), tmp_path / "deep" / "results")
+    assert sorted(path.name for path in written) == sorted(FILES)
+    assert sorted(path.name for path in (tmp_path / "deep" / "results").iterdir()) == sorted(FILES)
+
+
+def test_the_keys_of_the_result_stay(result, tmp_path):
+    write(result, Line(), tmp_path)
+    found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert list(found) == [
+        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
+    ]
+    assert set(found["cost"]) == {"before", "after"}
+    assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
+    assert found["values"] == {"free": 2, "fixed": 0}
+    assert list(found["quality"][0]) == [
+        *("criterion", "dataset", "use", "samples", "rmse_before", "rmse_after", "r2_after", "max_abs_after"),
+    ]
+
+
+def test_the_parameters_are_written_in_every_format(result, tmp_path):
+    write(result, Line(), tmp_path)
+    for name in ("parameters.json", "parameters.dcm"):
+        assert read_parameters(tmp_path / name)["b"].value == pytest.approx(2.0)
+
+
+def test_the_trace_has_a_line_for_each_step(result, tmp_path):
+    write(result, Line(), tmp_path)
+    with (tmp_path / "trace.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [
+        *("iteration", "start", "stage", "cost", "rmse", "step", "damping", "active", "seconds"),
+    ]
+    assert len(rows) == len(result.trace)
+    assert float(rows[-1]["cost"]) == result.trace[-1].cost
+
+
+def test_the_simulation_holds_all_datasets_one_below_the_other(result, tmp_path):
+    write(result, Line(), tmp_path)
+    table = pyarrow.parquet.read_table(tmp_path / "simulation.parquet").to_pydict()
+    assert table == {
+        "dataset": ["bench", "bench", "drive", "drive", "drive"],
+        "piece": [1, 1, 1, 1, 2],
+        "time": [None, None, 0.0, 0.1, 0.0],
+        "y": [1.0, 2.0, 3.0, 4.0, 5.0],
+        "Torque": [1.5, None, None, None, None],
+    }
+
+
+def test_units_stay_with_the_simulation(tmp_path):
+    path = write_simulation(Line().simulate()[:1], tmp_path / "simulation.parquet")
+    assert read(path)["y"].unit == "Nm"
+
+
+def test_a_simulation_can_be_csv(tmp_path):
+    path = write_simulation(Line().simulate(), tmp_path / "simulation.csv")
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines[0].replace('"', "") == "dataset,piece,time,y,Torque"
+    assert lines[1].replace('"', "") == "bench,1,,1,1.5"
+    assert len(lines) == 6
+
+
+def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):
+    path = write_simulation([Dataset.of("bench", {"piece": [7.0], "time": [8.0]})], tmp_path / "s.parquet")
+    table = pyarrow.parquet.read_table(path).to_pydict()
+    assert (table["piece"], table["piece (model)"], table["time (model)"]) == ([1], [7.0], [8.0])
+
+
+def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"\.xlsx is no format.*\.parquet or \.csv"):
+        write_simulation(Line().simulate(), tmp_path / "s.xlsx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_old_result_is_replaced(result, tmp_path):
+    (tmp_path / "result.json").write_text("old", encoding="utf-8")
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    write(result, Line(), tmp_path)
+    assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["status"] == "converged"
+    assert (tmp_path / "notes.txt").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize("breaks_at", range(len(FILES)))
+def test_where_one_file_cannot_be_replaced_all_stay_as_they_were(result, tmp_path, monkeypatch, breaks_at):
+    for name in FILES[1:]:
+        (tmp_path / name).write_text(f"old {name}", encoding="utf-8")
+    before = everything_in(tmp_path)
+    moved, replace = [], Path.replace
+
+    def fails(self, target):
+        if self.parent.name.startswith(".kennfeld"):
+            moved.append(target)
+            if len(moved) == breaks_at + 1:
+                raise PermissionError(13, "opened by a spreadsheet")
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", fails)
+    with pytest.raises(InputError, match="opened by a spreadsheet"):
+        write(result, Line(), tmp_path)
+    assert everything_in(tmp_path) == before
+
+
+def test_a_file_system_without_links_does_as_well(result, tmp_path, monkeypatch):
+    def refuses(source, target):
+        raise OSError(1, "no links here")
+
+    monkeypatch.setattr(os, "link", refuses)
+    for _ in range(2):
+        write(result, Line(), tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+
+
+def test_an_interrupt_while_writing_leaves_the_old_files(result, tmp_path, monkeypatch):
+    write(result, Line(), tmp_path)
+    before = everything_in(tmp_path)
+
+    class Interrupted(Line):
+        formats = (".dcm",)
+
+    def stops(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("kennfeld.project.results._write_trace", stops)
+    with pytest.raises(KeyboardInterrupt):
+        write(result, Interrupted(), tmp_path)
+    assert everything_in(tmp_path) == before
+
+
+def test_room_is_required_without_leaving_a_trace(tmp_path):
+    require_room(tmp_path / "a" / "b")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "results").mkdir()
+    require_room(tmp_path / "results")
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+def test_a_file_in_the_place_of_the_folder_leaves_no_room(tmp_path):
+    (tmp_path / "results").write_text("a file", encoding="utf-8")
+    with pytest.raises(InputError, match=r"results: cannot be written.*-o"):
+        require_room(tmp_path / "results")
+    with pytest.raises(InputError, match="cannot be written"):
+        require_room(tmp_path / "results" / "deeper")

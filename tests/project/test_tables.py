@@ -1,0 +1,344 @@
+"""Parameters of a project: initial files, sections that override them, axes, bounds, locks, pins."""
+
+import numpy as np
+import pytest
+
+from kennfeld.parameters import Axis, Block, Curve, Map, Scalar
+from kennfeld.project import Project
+
+
+def problem(shop):
+    assert shop.errors() == []
+    return shop.project.problem()
+
+
+def gain(shop):
+    return problem(shop).parameters["Gain"]
+
+
+def test_the_initial_file_is_taken_as_it_is(shop):
+    assert gain(shop) == Curve("Gain", Axis([1000, 2000, 3000], input="Speed"), [1.0, 1.0, 1.0])
+
+
+def test_values_of_later_files_win(shop):
+    shop.values("late.json", Scalar("offset", 7.0))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "late.json"]')
+    parameters = problem(shop).parameters
+    assert (parameters["offset"].value, parameters["Gain"].size) == (7.0, 3)
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        (
+            Curve("Gain", [1000, 2000], [1, 1]),
+            "Gain is a curve of 3 values in start.json and a curve of 2 values in b.js",
+        ),
+        (Curve("Gain", [1, 2, 3], [1, 1, 1]), "Gain has other breakpoints in b.json than in start.json"),
+        (Scalar("Gain", 1), "Gain is a curve of 3 values in start.json and a scalar in b.json"),
+    ],
+)
+def test_files_that_define_a_name_differently_are_a_finding(shop, other, expected):
+    shop.values("b.json", other)
+    shop.change('initial = "start.json"', 'initial = ["start.json", "b.json"]')
+    assert expected in shop.error()
+
+
+def test_files_that_disagree_on_a_group_axis_are_a_finding(shop):
+    for name, points in (("A", [0, 1]), ("B", [0, 2])):
+        shop.values(f"{name}.json", Curve(name, Axis(points, name="Shared"), [0, 0]))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "A.json", "B.json"]')
+    assert "group axis Shared has other breakpoints" in shop.error()
+
+
+def test_a_missing_initial_file_is_the_only_finding(shop):
+    shop.change('"start.json"', '"strat.json"')
+    assert "[calibration] initial: there is no file strat.json. Did you mean start.json?" in shop.error()
+
+
+def test_without_initial_files_wrong_formula_text_is_found_as_well(shop):
+    shop.text += "more = 2 *\n"
+    assert len(shop.change('"start.json"', '"strat.json"').errors()) == 2
+
+
+def test_a_calibration_file_cut_in_half_is_a_finding(shop):
+    content = (shop.folder / "start.json").read_bytes()
+    shop.write("start.json", content[: len(content) // 2])
+    assert shop.errors()
+    assert all(error.startswith("start.json") for error in shop.errors())
+
+
+def test_a_section_overrides_what_the_file_says(shop):
+    shop.add("[parameters.Gain]\nunit = 'Nm'\ndescription = 'd'\ninitial = [1, 2, 3]\nextrapolation = 'linear'")
+    made = gain(shop)
+    assert (made.unit, made.description, made.extrapolation) == ("Nm", "d", "linear")
+    assert made.values.tolist() == [1, 2, 3]
+    assert made.axes[0].input == "Speed"
+
+
+def test_a_single_number_fills_a_table(shop):
+    assert gain(shop.add("[parameters.Gain]\ninitial = 2")).values.tolist() == [2, 2, 2]
+
+
+def test_parameters_can_be_defined_in_the_project_alone(shop):
+    shop.change('initial = "start.json"', "")
+    shop.add("[parameters.Gain]\nx = { input = 'Speed', begin = 1000, end = 3000, count = 5 }\ninitial = 1")
+    shop.add("[parameters.offset]\ninitial = 3\nunit = 'Nm'")
+    parameters = problem(shop).parameters
+    assert parameters["Gain"].axes[0] == Axis([1000, 1500, 2000, 2500, 3000], input="Speed", unit="rpm")
+    assert parameters["offset"] == Scalar("offset", 3.0, unit="Nm")
+
+
+def test_quantiles_spread_the_breakpoints_over_the_training_data(shop):
+    shop.add("[parameters.Gain]\nx = { input = 'Speed', count = 3 }")
+    assert gain(shop).axes[0].breakpoints.tolist() == [1000, 1750, 3000]
+
+
+def test_an_axis_without_input_takes_what_the_function_looks_up_with(shop):
+    shop.add("[parameters.Gain]\nx = { count = 2 }")
+    assert gain(shop).axes[0] == Axis([1000, 3000], input="Speed", unit="rpm")
+
+
+def test_equal_quantiles_are_merged_with_a_warning(shop):
+    shop.bench("bench.csv", [1000] * 6 + [2000])
+    shop.add("[parameters.Gain]\nx = { input = 'Speed', count = 5 }")
+    assert "[parameters.Gain] x: 5 quantiles of Speed give 2 breakpoints, since some are equal" in shop.warning()
+
+
+def test_quantiles_of_a_node_of_the_data_alone_are_taken(shop):
+    shop.text = "half = Speed / 2\nbase = Gain(half) * Load\nPredict = base + offset\n"
+    shop.add("[parameters.Gain]\nx = { input = 'half', count = 2 }")
+    assert gain(shop).axes[0].breakpoints.tolist() == [500, 1500]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "expected"),
+    [
+        ("base", "the range of base depends on parameters (Gain). Write begin, end and count"),
+        ("Sped", "Sped is no input, no node and no channel. Did you mean Speed?"),
+    ],
+)
+def test_quantiles_of_what_has_none_are_a_finding(shop, quantity, expected):
+    assert expected in shop.add(f"[parameters.Gain]\nx = {{ input = '{quantity}', count = 3 }}").error()
+
+
+def test_other_axes_without_values_take_them_over_by_interpolation(shop):
+    shop.values("start.json", Curve("Gain", [1000, 2000, 3000], [1.0, 2.0, 4.0]), Scalar("offset", 0))
+    shop.add("[parameters.Gain]\nx = { breakpoints = [1000, 2500, 5000] }")
+    assert gain(shop).values.tolist() == [1, 3, 4]
+
+
+def test_maps_are_regridded_along_both_axes(shop):
+    shop.text = "Predict = M(Speed, Load) + offset * 0\n"
+    old = Map("M", [1000, 3000], [10, 20], [[0.0, 1.0], [2.0, 3.0]])
+    shop.values("start.json", old, Scalar("offset", 0))
+    shop.add("[parameters.M]\ny = { breakpoints = [10, 15, 20] }")
+    assert problem(shop).parameters["M"].values.tolist() == [[0, 0.5, 1], [2, 2.5, 3]]
+
+
+def test_tables_of_one_group_axis_share_it(shop):
+    shop.text = "Predict = Gain(Speed) * Load + More(Speed) + offset\n"
+    shop.add("[axes.AxisSpeed]\ninput = 'Speed'\nbreakpoints = [1000, 2000, 3000]")
+    for name in ("Gain", "More"):
+        shop.add(f"[parameters.{name}]\nx = {{ axis = 'AxisSpeed' }}\ninitial = 1")
+    parameters = problem(shop).parameters
+    assert parameters["Gain"].axes[0] is parameters["More"].axes[0]
+    assert parameters.axes == (Axis([1000, 2000, 3000], "Speed", "rpm", "AxisSpeed"),)
+
+
+def test_a_group_axis_of_the_initial_file_can_be_named(shop):
+    shared = Axis([1000, 2000, 3000], input="Speed", name="AxisSpeed")
+    shop.values("start.json", Curve("Other", shared, [0, 0, 0]), Scalar("offset", 0))
+    shop.add("[parameters.Gain]\nx = { axis = 'AxisSpeed' }\ninitial = 1")
+    assert gain(shop).axes[0] == shared
+
+
+def test_an_unknown_group_axis_is_a_finding(shop):
+    shop.add("[axes.AxisSpeed]\nbreakpoints = [0, 1]\n[parameters.Gain]\nx = { axis = 'AxisSped' }")
+    assert "[parameters.Gain] x: there is no group axis AxisSped. Did you mean AxisSpeed?" in shop.error()
+
+
+def test_a_group_axis_that_the_file_and_the_project_define_differently_is_a_finding(shop):
+    shared = Axis([1000, 2000, 3000], name="AxisSpeed")
+    shop.values("start.json", Curve("Gain", shared, [0, 0, 0]), Curve("B", shared, [0, 0, 0]), Scalar("offset", 0))
+    shop.add("[axes.AxisSpeed]\nbreakpoints = [0, 1]\n[parameters.Gain]\nx = { axis = 'AxisSpeed' }")
+    assert "[axes]: group axis AxisSpeed has other breakpoints in" in shop.error()
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [
+        (
+            "initial = [1, 2]",
+            "[parameters.Gain] initial: has 2 values; its axes ask for 3. Write one value a breakpoint.",
+        ),
+        (
+            "y = { breakpoints = [0, 1] }\ninitial = [[1, 2, 3], [1, 2, 3]]",
+            "It seems to be transposed: write a row for",
+        ),
+        ("y = { breakpoints = [0, 1] }", "the initial file holds a curve of 3 values, the axes here ask for 3 x 2"),
+        ("z = { breakpoints = [0, 1] }\ninitial = 0", "[parameters.Gain] y: the axis is missing"),
+        ("bounds = [[0, 0], 1]", "[parameters.Gain] bounds: has 2 values; its axes ask for 3"),
+        (
+            "bounds = [2, [1, 3, 3]]",
+            "bounds: the lower bound 2 lies above the upper bound 1 at value 1. Exchange them.",
+        ),
+        ("smoothness = { y = 1 }", "[parameters.Gain] smoothness: Gain has no axis y. It has x."),
+        ("lock = [{ y = [0, 1] }]", "[parameters.Gain] lock 1: Gain has no axis y"),
+        ("pin = [{ at = [1, 2], value = 0 }]", "pin 1: [1.0, 2.0] has 2 coordinates, Gain has 1 axes"),
+        ("free = false\npin = [{ at = [1000], value = 0 }]", "[parameters.Gain] pin 1: Gain is not free"),
+    ],
+)
+def test_what_does_not_fit_a_table_is_a_finding(shop, section, expected):
+    assert expected in shop.add(f"[parameters.Gain]\n{section}").error()
+
+
+def test_values_of_a_scalar_without_an_axis_are_a_finding(shop):
+    error = shop.add("[parameters.offset]\ninitial = [1, 2]").error()
+    assert "[parameters.offset] initial: 2 values for a scalar. Give it an axis" in error
+
+
+def test_bounds_are_numbers_or_tables_and_may_be_infinite(shop):
+    shop.add("[parameters.Gain]\nbounds = [[0, '-inf', 0], inf]")
+    made = gain(shop)
+    assert made.lower.tolist() == [0, -np.inf, 0]
+    assert made.upper.tolist() == [np.inf] * 3
+
+
+def test_a_start_outside_its_bounds_is_a_warning(shop):
+    warning = shop.add("[parameters.Gain]\nbounds = [2, 3]").warning()
+    assert "bounds: 3 of 3 initial values lie outside, such as 1. They will be moved onto the bounds." in warning
+
+
+def test_a_start_that_is_not_finite_is_a_finding(shop):
+    shop.values("start.json", Curve("Gain", [1000, 2000, 3000], [1, np.nan, np.nan]), Scalar("offset", 0))
+    assert "initial: 2 of 3 initial values of Gain are not finite, the first at 2" in shop.error()
+
+
+def test_values_that_the_function_does_not_use_may_be_missing(shop):
+    curve = Curve("Gain", [1000, 2000, 3000], [1, 1, 1])
+    shop.values("start.json", curve, Scalar("offset", 0), Scalar("unused", np.nan))
+    assert shop.findings() == []
+
+
+@pytest.mark.parametrize(
+    ("lock", "expected"),
+    [
+        ("true", [True, True, True]),
+        ("false", [False, False, False]),
+        ("[{ x = [1000, 2000] }]", [True, True, False]),
+        ("[{ x = [0, 1500] }, { x = [3000, inf] }]", [True, False, True]),
+    ],
+)
+def test_locks_hold_values_by_their_axis_ends_included(shop, lock, expected):
+    assert gain(shop.add(f"[parameters.Gain]\nlock = {lock}")).locked.tolist() == expected
+
+
+def test_a_lock_without_grid_points_is_a_warning(shop):
+    assert "lock 1: no grid point lies in this range" in shop.add("[parameters.Gain]\nlock = [{x = [1, 2]}]").warning()
+
+
+def test_values_without_data_can_be_locked(shop):
+    shop.bench("bench.csv", [1000, 1500, 2000, 1200])
+    shop.add("[parameters.Gain]\nx = { breakpoints = [500, 1000, 2000, 3000, 4000] }\nlock = 'no-data'")
+    assert gain(shop).locked.tolist() == [True, False, False, True, True]
+
+
+def test_samples_that_do_not_count_leave_a_value_locked(shop):
+    shop.change('"bench.csv"]', '"bench.csv"]\nwhere = "n < 1800"')
+    shop.add("[parameters.Gain]\nlock = 'no-data'")
+    assert gain(shop).locked.tolist() == [False, False, True]
+
+
+def test_values_of_a_map_without_data_can_be_locked(shop):
+    shop.text = "Predict = M(Speed, Load) + offset\n"
+    shop.values("start.json", Map("M", [0, 1000, 2000, 3000], [10, 20, 30], np.ones((4, 3))), Scalar("offset", 0))
+    shop.bench("bench.csv", [1000, 1500], **{"Load": [10.0, 15.0]})
+    locked = problem(shop.add("[parameters.M]\nlock = 'no-data'")).parameters["M"].locked
+    assert (~locked).nonzero()[0].tolist() == [1, 1, 2, 2]
+    assert (~locked).nonzero()[1].tolist() == [0, 1, 0, 1]
+
+
+def test_pins_and_smoothness_reach_the_problem(shop):
+    shop.add("[parameters.Gain]\npin = [{ at = 2000, value = 2 }]\nsmoothness = { x = 0.5 }")
+    made = problem(shop)
+    assert [(pin.parameter, pin.at, pin.value) for pin in made.pins] == [("Gain", (2000.0,), 2.0)]
+    assert made.factors("Gain") == (0.5,)
+
+
+def test_a_pin_beyond_the_axis_is_a_warning(shop):
+    shop.add("[parameters.Gain]\npin = [{ at = [9000], value = 2 }]")
+    assert "pin 1: 9000 lies beyond the axis, 1000 to 3000" in shop.warning()
+
+
+def test_patterns_and_sections_choose_what_is_free(shop):
+    assert problem(shop).free_names == ("Gain", "offset")
+    shop.change('initial = "start.json"', 'initial = "start.json"\nfree = ["off*"]')
+    assert problem(shop).free_names == ("offset",)
+    shop.add("[parameters.Gain]\nfree = true\n[parameters.offset]\nfree = false")
+    assert problem(shop).free_names == ("Gain",)
+
+
+def test_names_with_brackets_are_no_patterns(shop):
+    shop.text = "Predict = Load * %rad[3]% + offset\n"
+    shop.values("start.json", Scalar("rad[3]", 1.0), Scalar("rad3", 1.0), Scalar("offset", 0.0))
+    shop.change('[channels]\nSpeed = "n"\n', "")
+    assert problem(shop).free_names == ("rad[3]", "offset")
+
+
+def test_a_pattern_that_matches_nothing_is_a_finding(shop):
+    shop.change('initial = "start.json"', 'initial = "start.json"\nfree = ["Gain", "ofset"]')
+    assert "[calibration] free: ofset matches no parameter. Did you mean offset?" in shop.error()
+
+
+def test_freeing_what_the_function_does_not_use_is_a_warning(shop):
+    shop.values("more.json", Scalar("unused", 1.0))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]\nfree = ["Gain", "unused"]')
+    assert "unused matches only parameters that the function does not use: unused" in shop.warning()
+
+
+def test_nothing_free_is_a_finding(shop):
+    shop.add("[parameters.Gain]\nfree = false\n[parameters.offset]\nfree = false")
+    assert "no parameter that the function uses is free" in shop.error()
+
+
+def test_a_section_of_a_parameter_that_the_function_does_not_use_is_a_warning(shop):
+    shop.add("[parameters.other]\ninitial = 3")
+    assert "[parameters.other]: the function does not use other" in shop.warning()
+
+
+def test_a_parameter_that_nobody_defines_shows_a_section_to_copy(shop):
+    shop.text = "input Speed\ninput Load\nPredict = Gain(Speed) * Load + offset + Extra(Speed, offset)\n"
+    (finding,) = shop.findings()
+    assert finding.place == "sensor.kf line 3"
+    assert finding.excerpt.splitlines() == [
+        "[parameters.Extra]",
+        'x = { input = "Speed", count = 8 }',
+        "y = { begin = 0.0, end = 1.0, count = 8 }",
+        "initial = 0.0",
+    ]
+    shop.add(finding.excerpt)
+    assert Project.read(shop.path).check() == []
+
+
+def test_a_scalar_that_nobody_defines_shows_a_section_too(shop):
+    shop.text += "more = Predict + ofset\n"
+    (finding,) = shop.findings()
+    assert str(finding) == (
+        "sensor.kf line 5: ofset is no node and no input, and no file and no section of the project defines it. "
+        "Did you mean offset? Or define it: [parameters.ofset] initial = 0.0."
+    )
+
+
+def test_a_table_with_another_number_of_axes_is_a_finding(shop):
+    shop.values("start.json", Scalar("Gain", 1), Scalar("offset", 0))
+    assert "sensor.kf line 3: Gain is given 1 coordinate, but it is a scalar with 0 axes" in shop.error()
+
+
+def test_value_blocks_are_kept(shop):
+    shop.values("start.json", Block("Gain", [1.0, 2.0, 3.0]), Scalar("offset", 0))
+    shop.add("[parameters.Gain]\ninitial = [4, 5, 6]")
+    shop.text = "Predict = Gain(Load - 10) + offset\n"
+    shop.change('[channels]\nSpeed = "n"\n', "")
+    made = gain(shop)
+    assert (made.kind, made.values.tolist()) == ("block", [4, 5, 6])

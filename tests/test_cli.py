@@ -1,0 +1,454 @@
+"""The commands as a user calls them; what they compute is tested where it is computed."""
+
+import json
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from kennfeld import cli, read_parameters
+from kennfeld.project.demo import write
+from kennfeld.terminal import progress
+
+COMMAND = [sys.executable, "-m", "kennfeld"]
+
+
+@pytest.fixture(scope="session")
+def pristine(tmp_path_factory):
+    """A demo project that no test changes."""
+    return write("torque", tmp_path_factory.mktemp("pristine")).parent
+
+
+@pytest.fixture
+def folder(pristine, tmp_path):
+    """A demo project to spoil."""
+    return Path(shutil.copytree(pristine, tmp_path / "demo"))
+
+
+@pytest.fixture
+def project(folder):
+    return folder / "kennfeld.toml"
+
+
+def change(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def everything_in(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+class TestHelp:
+    def test_lists_the_commands_of_this_version_and_no_others(self, capsys):
+        assert cli.run(["--help"]) == 0
+        commands = capsys.readouterr().out.partition("Commands:")[2].split("\n")
+        names = [line.split()[0] for line in commands if line.strip()]
+        assert names == ["demo", "check", "calibrate", "simulate", "info", "convert"]
+
+    def test_is_what_a_bare_call_shows(self, capsys):
+        assert cli.run([]) == 0
+        assert "Usage: kennfeld" in capsys.readouterr().out
+
+    def test_the_version(self, capsys):
+        assert cli.run(["--version"]) == 0
+        assert capsys.readouterr().out == "kennfeld 0.1.0\n"
+
+    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "info", "convert"])
+    def test_every_command_explains_itself(self, command):
+        done = CliRunner().invoke(cli.app, [command, "--help"])
+        assert done.exit_code == 0
+        assert "Usage:" in done.output
+
+
+class TestWrongUse:
+    @pytest.mark.parametrize(
+        ("arguments", "said"),
+        [
+            (["calibrate"], "Missing argument 'PROJECT'. See kennfeld calibrate --help."),
+            (["calibrte", "x"], "Did you mean 'calibrate'? See kennfeld --help."),
+            (["calibrate", "--workers", "3", "x"], "No such option: --workers. See kennfeld calibrate --help."),
+            (["info", "a", "b"], "See kennfeld info --help."),
+            (["demo", "exhaust"], "demo: there is no demo exhaust. The demos are: torque."),
+            (["check", "nowhere/kennfeld.toml"], "there is no such project file. Check the path."),
+            (["info", "nowhere.csv"], "nowhere.csv: there is no such file. Check the path."),
+            (["convert", "nowhere.dcm", "x.json"], "nowhere.dcm: there is no such file"),
+        ],
+    )
+    def test_is_one_line_on_stderr_and_status_2(self, arguments, said, capsys, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert cli.run(arguments) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1
+        assert said in err
+
+    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "info"])
+    def test_a_folder_is_no_file(self, command, tmp_path, capsys):
+        assert cli.run([command, str(tmp_path)]) == 2
+        assert capsys.readouterr().err.startswith(str(tmp_path))
+
+    @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="needs a user whom permissions bind")
+    def test_a_file_that_may_not_be_read(self, project, capsys):
+        project.chmod(0)
+        assert cli.run(["check", str(project)]) == 2
+        assert "Permission denied" in capsys.readouterr().err
+
+    def test_an_error_of_the_system_is_no_traceback(self, project, capsys, monkeypatch):
+        def fails(*_):
+            raise OSError(28, "No space left on device", "/disk")
+
+        monkeypatch.setattr("kennfeld.project.Project.read", fails)
+        assert cli.run(["check", str(project)]) == 2
+        assert capsys.readouterr().err == "/disk: No space left on device\n"
+
+
+def half(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 - 3])
+
+
+def blank(path, column):
+    head, units, *rows = path.read_text(encoding="utf-8").splitlines()
+    at = head.split(",").index(column)
+    emptied = [",".join("" if i == at else cell for i, cell in enumerate(row.split(","))) for row in rows]
+    path.write_text("\n".join([head, units, *emptied, ""]), encoding="utf-8")
+
+
+def insert(path, line, text):
+    lines = path.read_text(encoding="utf-8").splitlines()
+    path.write_text("\n".join([*lines[:line], text, *lines[line:], ""]), encoding="utf-8")
+
+
+def second_start(folder):
+    change(folder / "kennfeld.toml", '"start.dcm" ', '["start.dcm", "more.dcm"] ')
+    shutil.copy(folder / "start.dcm", folder / "more.dcm")
+    change(folder / "more.dcm", "CurveEtaDeltaSpark", "MapOptTorque2")
+    change(folder / "more.dcm", "KENNFELD MapDragTorque 17 10", "KENNLINIE MapDragTorque 17")
+
+
+SPOILT = {
+    "a missing channel": (lambda f: change(f / "bench.csv", "Ignition,", "Zuendung,"), ["Ignition", "bench"]),
+    "a unit row in the middle": (lambda f: insert(f / "bench.csv", 100, "rpm,%,deg,Nm"), ["bench.csv", "101"]),
+    "a column without a value": (lambda f: blank(f / "bench.csv", "Ignition"), ["Ignition"]),
+    "an axis that does not increase": (
+        lambda f: change(f / "start.dcm", "  -15.0 ", "  5.0 "),
+        ["start.dcm", "CurveEtaDeltaSpark"],
+    ),
+    "a table of the wrong size": (
+        lambda f: change(f / "start.dcm", "KENNLINIE CurveEtaDeltaSpark 12", "KENNLINIE CurveEtaDeltaSpark 13"),
+        ["start.dcm", "CurveEtaDeltaSpark"],
+    ),
+    "an unknown key": (lambda f: change(f / "kennfeld.toml", "use = ", "usage = "), ["usage", "Did you mean use?"]),
+    "an algebraic loop": (lambda f: change(f / "torque.kf", "ignOpt - Ignition", "product - 1"), ["torque.kf", "loop"]),
+    "an unknown parameter": (
+        lambda f: change(f / "torque.kf", "MapOptTorque(", "MapOptTorqe("),
+        ["torque.kf line 1", "Did you mean MapOptTorque?"],
+    ),
+    "a criterion that no sample reaches": (
+        lambda f: change(f / "kennfeld.toml", 'files = ["bench.csv"]', 'files = ["bench.csv"]\nwhere = "Speed < 0"'),
+        ["Speed < 0 holds at no sample"],
+    ),
+    "a target without a value": (lambda f: blank(f / "bench.csv", "Torque"), ["Torque"]),
+    "half a measurement": (lambda f: half(f / "bench.csv"), ["bench.csv"]),
+    "half a calibration file": (lambda f: half(f / "start.dcm"), ["start.dcm"]),
+    "half a Parquet file": (lambda f: _half_parquet(f), ["bench.csv", "damaged"]),
+    "half a project file": (lambda f: half(f / "kennfeld.toml"), ["kennfeld.toml"]),
+    "a calibration in the place of a measurement": (
+        lambda f: shutil.copy(f / "start.dcm", f / "bench.csv"),
+        ["bench.csv", "DCM"],
+    ),
+    "a measurement in the place of a calibration": (
+        lambda f: shutil.copy(f / "bench.csv", f / "start.dcm"),
+        ["start.dcm"],
+    ),
+    "a picture in the place of a formula": (
+        lambda f: (f / "torque.kf").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0"),
+        ["torque.kf"],
+    ),
+    "an empty measurement": (lambda f: (f / "bench.csv").write_bytes(b""), ["bench.csv"]),
+    "a file that is not there": (lambda f: (f / "fresh.csv").unlink(), ["fresh.csv"]),
+    "a folder for a file": (lambda f: ((f / "torque.kf").unlink(), (f / "torque.kf").mkdir()), ["torque.kf"]),
+}
+
+
+def _half_parquet(folder):
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pa.table({"Speed": list(range(1000))}), folder / "bench.csv")
+    half(folder / "bench.csv")
+
+
+class TestBadInput:
+    @pytest.mark.parametrize("command", ["check", "calibrate"])
+    @pytest.mark.parametrize("kind", SPOILT)
+    def test_is_named_with_its_place_and_nothing_is_written(self, kind, command, folder, capsys):
+        spoil, words = SPOILT[kind]
+        spoil(folder)
+        before = everything_in(folder)
+        assert cli.run([command, str(folder / "kennfeld.toml")]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert all(word in err for word in words), err
+        assert len([line for line in err.splitlines() if not line.startswith(("    ", "warning: "))]) <= 3, err
+        assert everything_in(folder) == before
+
+    def test_the_excerpt_shows_the_place(self, folder, project, capsys):
+        change(folder / "torque.kf", "ignOpt - Ignition", "product - 1")
+        assert cli.run(["check", str(project)]) == 2
+        line, excerpt, marks = capsys.readouterr().err.splitlines()
+        assert line.startswith("torque.kf line 3")
+        assert excerpt == "    3 deltaSpark[-] = product - 1"
+        assert marks == "      ^^^^^^^^^^"
+
+    def test_a_constant_channel_is_a_warning(self, folder, project, capsys):
+        head, units, *rows = (folder / "bench.csv").read_text(encoding="utf-8").splitlines()
+        rows = [",".join([row.split(",")[0], "50", *row.split(",")[2:]]) for row in rows]
+        (folder / "bench.csv").write_text("\n".join([head, units, *rows, ""]), encoding="utf-8")
+        assert cli.run(["check", str(project)]) == 0
+        out, err = capsys.readouterr()
+        assert "with warnings" in out
+        assert "channel Rel_Airmass is 50 throughout" in err
+        assert all(line.startswith("warning: ") for line in err.splitlines())
+
+    def test_every_problem_is_named_at_once(self, folder, project, capsys):
+        change(project, "smoothness = 10\n", "smothness = 10\n")
+        change(project, "[optimizer]", "[optimiser]")
+        assert cli.run(["check", str(project)]) == 2
+        err = capsys.readouterr().err
+        assert "Did you mean smoothness?" in err
+        assert "Did you mean optimizer?" in err
+
+    def test_a_folder_that_takes_no_results_is_found_before_the_search(self, folder, project, capsys, monkeypatch):
+        monkeypatch.setattr("kennfeld.project.Project.calibrate", lambda *_: pytest.fail("searched in vain"))
+        (folder / "results").write_text("a file", encoding="utf-8")
+        assert cli.run(["calibrate", str(project)]) == 2
+        assert "results: cannot be written" in capsys.readouterr().err
+
+
+class TestCalibrate:
+    def test_ends_with_a_table_and_the_place_of_the_results(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        out, err = capsys.readouterr()
+        assert "RMSE before" in out.splitlines()[0]
+        assert "training" in out
+        assert "converged" in out
+        assert f"Written to {folder / 'results'}: " in out
+        assert "iteration" in err
+        assert "iteration  " not in out
+
+    def test_writes_where_it_is_told_to(self, project, tmp_path):
+        assert cli.run(["calibrate", str(project), "-o", str(tmp_path / "elsewhere")]) == 0
+        assert (tmp_path / "elsewhere" / "result.json").exists()
+
+    def test_a_fit_that_ran_out_of_iterations_is_status_1(self, folder, project, capsys):
+        change(project, 'continuation = "off"', 'continuation = "off"\nmax_iterations = 2')
+        assert cli.run(["calibrate", str(project)]) == 1
+        assert "max_iterations" in capsys.readouterr().out
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["status"] == "max_iterations"
+
+    def test_a_calibrated_set_is_a_start_like_any_other(self, folder, project):
+        assert cli.run(["calibrate", str(project)]) == 0
+        change(project, "start.dcm", "results/parameters.dcm")
+        assert cli.run(["check", str(project)]) == 0
+
+
+class TestCtrlC:
+    def test_stops_at_the_best_values_and_writes_them(self, folder, project, capfd, monkeypatch):
+        lines = []
+
+        def press(self, line):
+            lines.append(line)
+            if len(lines) == 3:
+                signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(progress._Lines, "__call__", press)
+        assert cli.run(["calibrate", str(project)]) == 130
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["status"] == "stopped"
+        assert found["cost"]["after"] == lines[-1].cost
+        assert len(lines) == 3
+        assert "Ctrl-C again" in capfd.readouterr().err
+
+    def test_twice_gives_up_without_results(self, folder, project, monkeypatch):
+        def press(self, line):
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(progress._Lines, "__call__", press)
+        with pytest.raises(SystemExit) as ended:
+            cli.run(["calibrate", str(project)])
+        assert ended.value.code == 130
+        assert not (folder / "results").exists()
+
+    def test_before_the_descent_writes_nothing(self, folder, project, capsys, monkeypatch):
+        monkeypatch.setattr("kennfeld.project.Project.calibrate", lambda *_: signal.raise_signal(signal.SIGINT))
+        assert cli.run(["calibrate", str(project)]) == 130
+        assert "before there was anything to write" in capsys.readouterr().err
+        assert not (folder / "results").exists()
+
+    def test_leaves_the_handler_as_it_was(self, project):
+        before = signal.getsignal(signal.SIGINT)
+        cli.run(["calibrate", str(project)])
+        assert signal.getsignal(signal.SIGINT) is before
+
+    @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+    def test_reaches_a_running_process(self, folder, project):
+        for number in range(30):
+            shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
+        change(project, '"bench.csv"', '"bench_*.csv"')
+        change(project, 'continuation = "off"', 'continuation = "auto"')
+        running = subprocess.Popen(
+            [*COMMAND, "calibrate", str(project)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert "iteration" in running.stderr.readline()
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=120)
+        assert running.returncode == 130
+        assert "stopped: " in out
+        assert "Traceback" not in err
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["status"] == "stopped"
+        assert found["cost"]["after"] < found["cost"]["before"]
+
+
+class TestSimulate:
+    def test_writes_beside_the_project(self, folder, project, capsys):
+        assert cli.run(["simulate", str(project)]) == 0
+        assert (folder / "simulation.parquet").exists()
+        assert "bench: 2812 samples" in capsys.readouterr().out
+
+    def test_takes_other_parameters(self, folder, project, tmp_path):
+        import pyarrow.csv
+
+        shutil.copy(folder / "start.dcm", folder / "other.dcm")
+        change(folder / "other.dcm", "82.5", "100.0")
+        target = tmp_path / "s.csv"
+        assert cli.run(["simulate", str(project), "-p", str(folder / "other.dcm"), "-o", str(target)]) == 0
+        table = pyarrow.csv.read_csv(target)
+        assert table["trqOpt"].to_pylist() == pytest.approx([100.0] * 3812)
+
+    def test_refuses_other_formats(self, project, capsys):
+        assert cli.run(["simulate", str(project), "-o", "simulation.xlsx"]) == 2
+        assert ".parquet or .csv" in capsys.readouterr().err
+
+
+class TestInfo:
+    @pytest.mark.parametrize(
+        ("name", "content", "part"),
+        [
+            ("bench.csv", "measurement", "Rel_Airmass"),
+            ("start.dcm", "calibration", "19 x 13"),
+            ("torque.kf", "formula", "MapDragTorque"),
+            ("kennfeld.toml", "project", "TorquePredict"),
+        ],
+    )
+    def test_tells_what_is_in_a_file(self, name, content, part, pristine, capsys):
+        assert cli.run(["info", str(pristine / name)]) == 0
+        out = capsys.readouterr().out
+        assert content in out.splitlines()[0]
+        assert part in out
+        assert cli.run(["info", "--json", str(pristine / name)]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["content"], found["file"]) == (content, name)
+
+    @pytest.mark.parametrize(
+        ("name", "content"),
+        [
+            ("bench.csv", "measurement"),
+            ("start.dcm", "calibration"),
+            ("torque.kf", "formula"),
+            ("kennfeld.toml", "project"),
+        ],
+    )
+    def test_goes_by_the_content_not_by_the_name(self, name, content, folder, capsys):
+        shutil.move(folder / name, folder / "renamed.txt")
+        assert cli.run(["info", "--json", str(folder / "renamed.txt")]) == 0
+        assert json.loads(capsys.readouterr().out)["content"] == content
+
+
+class TestConvert:
+    def test_keeps_every_value(self, folder, tmp_path):
+        start = read_parameters(folder / "start.dcm")
+        steps = [folder / "start.dcm", tmp_path / "a.json", tmp_path / "b.csv", tmp_path / "c.dcm"]
+        for source, target in pairwise(steps):
+            assert cli.run(["convert", str(source), str(target)]) == 0
+        after = read_parameters(tmp_path / "c.dcm")
+        assert {name: after[name].values.tolist() for name in after} == {
+            name: start[name].values.tolist() for name in start
+        }
+
+    def test_an_unknown_ending_is_refused(self, folder, capsys):
+        assert cli.run(["convert", str(folder / "start.dcm"), "start.xyz"]) == 2
+        assert ".dcm" in capsys.readouterr().err
+
+
+class TestSurroundings:
+    """What stdout and stderr are connected to."""
+
+    def process(self, arguments, **environment):
+        return subprocess.run(
+            [*COMMAND, *map(str, arguments)], capture_output=True, env=os.environ | environment, check=False
+        )
+
+    def test_a_reader_that_goes_away_is_no_error(self, pristine):
+        running = subprocess.Popen(
+            [*COMMAND, "info", str(pristine / "start.dcm")], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        running.stdout.close()
+        assert running.stderr.read() == b""
+        running.stderr.close()
+        assert running.wait(timeout=60) == 0
+
+    def test_characters_that_stdout_cannot_show_do_no_harm(self, folder):
+        change(folder / "start.dcm", "Drag torque", "Öldruck Ω")
+        done = self.process(["info", folder / "start.dcm"], PYTHONIOENCODING="ascii")
+        assert done.returncode == 0
+        assert b"?ldruck ?" in done.stdout
+
+    def test_a_narrow_terminal_gets_a_block_a_row(self, project):
+        done = self.process(["calibrate", project], COLUMNS="40")
+        lines = done.stdout.decode().splitlines()
+        assert lines[0].split() == ["criterion", "TorquePredict"]
+        assert all(len(line) <= 40 for line in lines[: lines.index("") + 1])
+
+    @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo terminal")
+    @pytest.mark.parametrize("environment", [{}, {"NO_COLOR": "1"}])
+    def test_a_terminal_gets_a_live_line_and_the_same_table(self, project, environment):
+        ours, theirs = pty.openpty()
+        running = subprocess.Popen(
+            [*COMMAND, "calibrate", str(project)],
+            stdout=subprocess.PIPE,
+            stderr=theirs,
+            env=os.environ | {"TERM": "xterm"} | environment,
+        )
+        os.close(theirs)
+        out = running.stdout.read().decode()
+        running.stdout.close()
+        assert running.wait(timeout=120) == 0
+        shown = b""
+        while True:
+            try:
+                chunk = os.read(ours, 65536)
+            except OSError:
+                break
+            if not chunk:
+                break
+            shown += chunk
+        os.close(ours)
+        assert "RMSE before" in out.splitlines()[0]
+        assert b"\r" in shown
+        assert b"Traceback" not in shown
+
+    def test_the_module_is_the_command(self):
+        done = self.process(["--version"])
+        assert done.stdout.decode().strip() == "kennfeld 0.1.0"

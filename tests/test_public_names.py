@@ -1,0 +1,70 @@
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import kennfeld
+
+ROOT = Path(__file__).parents[1]
+
+PROMISED = {
+    *("Project", "Dataset", "Channel", "Model", "Graph", "ParameterSet", "Scalar", "Curve", "Map", "Cube", "Axis"),
+    *("Criterion", "Limit", "Result", "read", "read_parameters", "formula", "calibrate", "simulate"),
+}
+NEEDED_WITH_THEM = {"Block", "Text", "Pin", "Options", "Stop", "InputError", "KennfeldError"}
+
+
+def test_the_public_names_are_these():
+    assert set(kennfeld.__all__) == PROMISED | NEEDED_WITH_THEM
+    assert kennfeld.__all__ == sorted(kennfeld.__all__)
+
+
+@pytest.mark.parametrize("name", sorted(PROMISED | NEEDED_WITH_THEM))
+def test_every_public_name_is_there_and_listed(name):
+    assert getattr(kennfeld, name) is getattr(kennfeld, name)
+    assert name in dir(kennfeld)
+
+
+def test_read_is_for_measurements_and_read_parameters_for_calibrations():
+    assert kennfeld.read.__module__.startswith("kennfeld.measurement")
+    assert kennfeld.read_parameters.__module__.startswith("kennfeld.calfiles")
+
+
+def test_an_unknown_name_comes_with_the_nearest_one():
+    with pytest.raises(AttributeError, match="Did you mean calibrate"):
+        kennfeld.calibrat  # noqa: B018
+
+
+def test_the_version_is_that_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert kennfeld.__version__ == project["version"]
+
+
+def loaded_by(code):
+    """The modules that a fresh interpreter holds after running some code."""
+    script = f"import sys\n{code}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    assert loaded_by("import kennfeld").isdisjoint({"numpy", "scipy", "typer", "typing", "kennfeld.optimize"})
+
+
+def test_the_help_text_loads_nothing_heavy():
+    heavy = {"numpy", "scipy", "pandas", "pyarrow", "llvmlite", "rich.progress"}
+    assert loaded_by("from kennfeld.cli import run\nrun(['--help'])").isdisjoint(heavy)
+
+
+def test_a_calibration_loads_no_table_library(tmp_path):
+    code = f"from kennfeld.cli import run\nrun(['demo', '--dir', {str(tmp_path / 'demo')!r}])"
+    assert "pandas" not in loaded_by(code)
+
+
+def test_a_set_can_be_saved_without_loading_a_format_first(tmp_path):
+    path = tmp_path / "new.dcm"
+    code = f"import kennfeld as kf\nkf.ParameterSet([kf.Scalar('Kp', 0.08)]).save({str(path)!r})"
+    assert "kennfeld.calfiles" in loaded_by(code)
+    assert kennfeld.read_parameters(path)["Kp"].value == 0.08
