@@ -120,6 +120,7 @@ def run() -> list[Table]:
     table.notes = [
         "Budget: 5 000 nodes in at most 2 s, parse + compile.",
         f"The shortest of up to {REPEATS} runs, each in a process of its own, imports left out. "
-        f"The first iteration compiles the sums over samples, which do not depend on the model. Load at the end {load()}.",
+        "The first iteration compiles the sums over samples, which do not depend on the model. "
+        f"Load at the end {load()}.",
     ]
     return [table]

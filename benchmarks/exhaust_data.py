@@ -65,7 +65,7 @@ def _drive(random: np.random.Generator, time: Float, span: tuple[float, float]) 
 
 
 def _lag(values: Float, constant: Float, step: float) -> None:
-    """y += dt/(T + dt) (x - y), in place, beginning with the first x."""
+    """A PT1: y += dt/(T + dt) (x - y), in place, beginning with the first x."""
     share = (step / (constant + step)).tolist()
     y = float(values[0])
     out = []

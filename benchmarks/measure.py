@@ -38,7 +38,7 @@ def apart(target: str, *, cores: int | None = None, timeout: float = 900.0, **ar
         environment |= dict.fromkeys(POOLS, str(cores)) | {"BENCHMARK_CORES": str(cores)}
     command = [sys.executable, "-m", "benchmarks.worker", target, json.dumps(arguments)]
     try:
-        done = subprocess.run(  # noqa: S603
+        done = subprocess.run(
             command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout, check=False
         )
     except subprocess.TimeoutExpired:

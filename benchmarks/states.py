@@ -1,4 +1,4 @@
-"""Topic `states`: an iteration of the exhaust model over ten hours at 100 Hz, and a calibration of 44 minutes at 10 Hz."""
+"""Topic `states`: an iteration of the exhaust model over ten hours, and a calibration on 44 minutes."""
 
 import tempfile
 from pathlib import Path

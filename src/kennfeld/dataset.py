@@ -70,7 +70,9 @@ class Dataset(Mapping[str, Channel]):
             raise ArgumentError(f"channels of dataset {self.name} differ in length: {sizes}")
         if not (self.weight >= 0 and np.isfinite(self.weight)):
             raise ArgumentError(f"weight={self.weight} of dataset {self.name} must be a number from 0 on")
-        starts = np.asarray(self.starts, dtype=np.int64)
+        if self.use not in ("training", "test"):
+            raise ArgumentError(f"use={self.use!r} of dataset {self.name} must be training or test")
+        starts = np.array(self.starts, dtype=np.int64)
         if starts.size == 0 or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > max(self.samples - 1, 0):
             raise ArgumentError(
                 f"starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
@@ -78,8 +80,11 @@ class Dataset(Mapping[str, Channel]):
         object.__setattr__(self, "starts", starts)
         if self.time is not None:
             self._check_time(readonly(self.time))
-        if self.scored is not None and np.asarray(self.scored).shape != (self.samples,):
-            raise ArgumentError(f"scored of dataset {self.name} must have one entry a sample, {self.samples}")
+        if self.scored is not None:
+            scored = np.array(self.scored, dtype=bool)
+            if scored.shape != (self.samples,):
+                raise ArgumentError(f"scored of dataset {self.name} must have one entry a sample, {self.samples}")
+            object.__setattr__(self, "scored", scored)
 
     def _check_time(self, time: Float) -> None:
         if time.shape != (self.samples,):

@@ -109,12 +109,14 @@ class Parameter:
         if values.shape != shape:
             raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes ask for {shape}")
         object.__setattr__(self, "values", values)
+        if self.extrapolation not in ("clip", "linear"):
+            raise ArgumentError(f"extrapolation={self.extrapolation!r} of {self.name} must be clip or linear")
         for side in ("lower", "upper"):
             object.__setattr__(self, side, self._spread(side, np.float64))
         object.__setattr__(self, "locked", self._spread("locked", np.bool_))
-        crossed = np.argwhere(~(self.lower <= self.upper))
-        if crossed.size:
-            at = tuple(crossed[0])
+        crossed = ~(self.lower <= self.upper)
+        if crossed.any():
+            at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
             raise ArgumentError(
                 f"{self.name}{_subscript(at)} has the lower bound {self.lower[at]:g} "
                 f"above its upper bound {self.upper[at]:g}"
@@ -126,10 +128,11 @@ class Parameter:
     def _spread(self, attribute: str, dtype: type[np.generic]) -> Any:
         given = np.asarray(getattr(self, attribute), dtype=dtype)
         try:
-            spread = np.broadcast_to(given, self.values.shape)
+            spread = np.broadcast_to(given, self.values.shape).copy()
         except ValueError:
             message = f"{attribute} of {self.name} has shape {given.shape}, its values have {self.values.shape}"
             raise ArgumentError(message) from None
+        spread.setflags(write=False)
         return spread
 
     @property
@@ -143,8 +146,11 @@ class Parameter:
         return self.axes
 
     def with_values(self, values: ArrayLike) -> Self:
-        """The same parameter holding other values of the same shape."""
-        return self.changed(values=np.asarray(values, dtype=np.float64).reshape(self.values.shape))
+        """The same parameter holding other values: an array of its shape, or a flat one in C order."""
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape not in (self.values.shape, (self.size,)):
+            raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, not {array.shape}")
+        return self.changed(values=array.reshape(self.values.shape))
 
     def with_bounds(self, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> Self:
         """The same parameter within other bounds, each a number or an array of its shape."""

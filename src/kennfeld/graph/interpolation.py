@@ -21,10 +21,9 @@ def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Floa
     """
     last = breakpoints.size - 1
     if last == 0:
-        return np.multiply(x, 0.0)
+        return np.where(np.isfinite(x), 0.0, np.nan)
     cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
-    fraction = (x - breakpoints[cell]) / (breakpoints[cell + 1] - breakpoints[cell])
-    place = cell + fraction
+    place = cell + (x - breakpoints[cell]) / (breakpoints[cell + 1] - breakpoints[cell])
     return np.clip(place, 0.0, float(last)) if extrapolation == "clip" else place
 
 
@@ -101,5 +100,6 @@ def interpolate(values: Float, sides: Sequence[Float]) -> Float:
     total = np.zeros(sides[0].shape[0])
     for corner in product(*support):
         weight = np.prod([side[:, i] for side, i in zip(sides, corner, strict=True)], axis=0)
-        total += np.where(weight == 0, 0.0, weight * values[corner])
+        with np.errstate(invalid="ignore"):
+            total += np.where(weight == 0, 0.0, weight * values[corner])
     return total

@@ -77,7 +77,7 @@ def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) 
 
 
 def _check(graph: Graph, parameters: ParameterSet) -> None:
-    for name, count in graph.parameters.items():
+    for name, count in dict.fromkeys((n.payload, len(n.args)) for n in graph.nodes if n.op == "lookup"):
         if name not in parameters:
             raise ArgumentError(f"the function looks up {name}, which is no parameter of the set")
         given = len(parameters[name].index_axes)

@@ -92,7 +92,7 @@ def _one_plus_square(w: Writer, x: int) -> int:
 
 def _power_base(w: Writer, args: tuple[int, ...], y: int) -> int:
     base, exponent = args
-    return w.call("mul", exponent, w.call("pow", base, w.call("sub", exponent, w.const(1.0))))
+    return w.call("guard", exponent, w.call("pow", base, w.call("sub", exponent, w.const(1.0))))
 
 
 def _power_exponent(w: Writer, args: tuple[int, ...], y: int) -> int:

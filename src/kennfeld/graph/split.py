@@ -35,12 +35,7 @@ def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Spli
     ['#0']
     """
     live = dependent(graph, lambda node: node.op == "interpolate" and node.payload.name in free)
-    used = {graph.names[name] for name in outputs}
-    for at in live:
-        used.update(graph.nodes[at].args)
-    for state in graph.states:
-        if state.init in live or state.next in live:
-            used.update((state.init, state.next))
+    used = _entering(graph, [graph.names[name] for name in outputs], live)
     costs = _costs(graph)
     columns = {f"#{i}": at for i, at in enumerate(sorted(a for a in used - live if costs[a] > _WORTH))}
     name_of = {at: name for name, at in columns.items()}
@@ -55,6 +50,21 @@ def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Spli
         graph.nodes, {name: graph.names[name] for name in outputs}, graph.states, graph.units, tuple(outputs)
     )
     return Split(rewrite(reduced, resolve), columns)
+
+
+def _entering(graph: Graph, roots: Collection[int], live: Collection[int]) -> set[int]:
+    """The nodes that the live part of the roots reads, the roots themselves included."""
+    seen = set(roots)
+    stack = list(seen)
+    while stack:
+        at = stack.pop()
+        if at not in live:
+            continue
+        op, args, payload = graph.nodes[at]
+        needs = (graph.states[payload].init, graph.states[payload].next) if op == "state" else args
+        stack.extend(a for a in needs if a not in seen)
+        seen.update(needs)
+    return seen
 
 
 def _costs(graph: Graph) -> list[int]:

@@ -59,7 +59,7 @@ class Accumulator:
         self._workspaces = [Workspace(self) for _ in self._shares]
         self._memory = np.zeros((len(self.chunks), kernel.layout.memory))
         self._rings = np.zeros((len(self.chunks), len(kernel.layout.latencies)), dtype=np.int64)
-        self._last: Float | None = None
+        self._last: tuple[Float, Float] | None = None  # values and widths of the states kept at the chunks' starts
         threads = min(os.cpu_count() or 1, len(self._shares))
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
@@ -100,16 +100,18 @@ class Accumulator:
                     space.cost(chunk, sums[chunk.number])
 
         self._each_share(work)
-        self._last = values.copy()
-        weights = np.array([self.samples.pieces[c.piece].scores for c in self.chunks])
-        total: Float = (sums * weights).sum(axis=0)
+        self._last = values.copy(), self.widths.copy()
+        weights = np.array([self.samples.pieces[c.piece].scores for c in self.chunks]).reshape(sums.shape)
+        total: Float = np.where(weights == 0, 0.0, weights * np.where(weights == 0, 0.0, sums)).sum(axis=0)
         return total
 
     def _visit_states(self, values: Float) -> Float:
         """Make sure that the states at the start of each chunk are those of these values."""
         values = np.ascontiguousarray(values, dtype=np.float64)
-        if self.stateful and (self._last is None or not np.array_equal(values, self._last)):
-            self.costs(values)
+        if self.stateful:
+            last = self._last
+            if last is None or not (np.array_equal(values, last[0]) and np.array_equal(self.widths, last[1])):
+                self.costs(values)
         return values
 
     def _resume(self, space: Workspace, chunk: Chunk) -> None:

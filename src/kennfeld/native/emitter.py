@@ -124,7 +124,7 @@ class Step:
             self._values[node] = self._double(node, op, args, payload)
 
     def product(self, slope: str, weight: str) -> str:
-        """A slope times the weight of a grid point; 0 where the slope is 0, as in a branch that is not taken."""
+        """A product that is 0 where its first factor is: a branch not taken, a grid point that does not count."""
         return VALUES["guard"](self.f, slope, weight)
 
     def _double(self, node: int, op: str, args: tuple[int, ...], payload: object) -> str:
@@ -228,11 +228,12 @@ class Step:
         base = f.at("%values", self.layout.offsets[table.name])
         sides, strides = self.sides(table, args), self.layout.strides(table.name)
         if not any(isinstance(side, Window) for side in sides):
-            return f.dot([(c.weight, f.load(base, c.index)) for c in corners(f, sides, strides, slope)])
+            terms = [self.product(c.weight, f.load(base, c.index)) for c in corners(f, sides, strides, slope)]
+            return f.sum(terms)
         total = f.slot("double")
         f.store(literal(0.0), total)
         for corner in corners(f, sides, strides, slope):
-            f.increase(f.fmul(corner.weight, f.load(base, corner.index)), total)
+            f.increase(self.product(corner.weight, f.load(base, corner.index)), total)
         return f.load(total)
 
 

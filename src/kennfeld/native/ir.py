@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import reduce
 
 __all__ = ["DOUBLE", "Function", "literal"]
 
@@ -77,13 +78,13 @@ class Function:
         """Product of two doubles."""
         return self.new(f"fmul contract double {a}, {b}")
 
+    def sum(self, terms: Sequence[str]) -> str:
+        """Sum of doubles; 0 where there are none."""
+        return reduce(self.fadd, terms) if terms else literal(0.0)
+
     def dot(self, pairs: Sequence[tuple[str, str]]) -> str:
         """Sum of products; 0 where there are none."""
-        total = ""
-        for a, b in pairs:
-            term = self.fmul(a, b)
-            total = self.fadd(total, term) if total else term
-        return total or literal(0.0)
+        return self.sum([self.fmul(a, b) for a, b in pairs])
 
     def increase(self, by: str, pointer: str, index: str | int = 0) -> None:
         """Add a double to element `index` of an array."""

@@ -146,9 +146,21 @@ def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
 def _residual(step: Step, at: int, output: Output) -> tuple[str, str]:
     """(value - target) / scale, and whether the sample is scored: a target of NaN is not."""
     f = step.f
-    target = f.load(f.at("%targets", f.mul("%stride", at)), "%k")
+    target, scored = _target(f, at)
     difference = f.new(f"fsub double {step.value(output.node)}, {target}")
-    return f.fmul(difference, literal(1.0 / output.scale)), f.new(f"fcmp ord double {target}, {target}")
+    return f.fmul(difference, literal(1.0 / output.scale)), scored
+
+
+def _target(f: Function, at: int) -> tuple[str, str]:
+    """The target of an output, and whether there is one."""
+    target = f.load(f.at("%targets", f.mul("%stride", at)), "%k")
+    return target, f.new(f"fcmp ord double {target}, {target}")
+
+
+def _counts(f: Function, at: int) -> str:
+    """Whether an output has a target and a weight: what is switched off does not count, even where it is not finite."""
+    weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
+    return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
 
 
 def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
@@ -166,7 +178,8 @@ def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
         case "soft_l1":
             share = f.fmul(square, literal(output.delta**-2))
             root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {literal(1.0)}, {share}')})")
-            loss = f.fmul(literal(2 * output.delta**2), f.new(f"fsub double {root}, {literal(1.0)}"))
+            # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
+            loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")
             return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
 
 
@@ -202,7 +215,8 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
     def residuals(at: int, output: Output) -> Item:
         def emit(step: Step) -> None:
             f = step.f
-            residual, scored = _residual(step, at, output)
+            residual, _ = _residual(step, at, output)
+            scored = _counts(f, at)
             _, weight = _loss(f, residual, output)
             scored_weight = f.fmul(weight, f.load("%scores", at))
             place = f.add(f.mul("%row", m), at)
@@ -241,7 +255,7 @@ def _output_slope(step: Step, line: Linearization, output: Output, at: int, seed
     f = step.f
     if seed not in line.slopes[at]:
         return ZERO
-    _, scored = _residual(step, at, output)
+    scored = _counts(f, at)
     slope = f.fmul(step.value(line.slopes[at][seed]), literal(1.0 / output.scale))
     return f.select(scored, slope, ZERO)
 

@@ -236,12 +236,12 @@ def _add_batch(f: Function, pattern: Pattern, k: str, size: int) -> None:
     with f.loop(0, count) as e:
         column = terms[0].column(e)
         found = [term.of_entry(e) for term in terms]
-        f.increase(_sum(f, [entry.gradient for entry in found]), "%gradient", column)
+        f.increase(f.sum([entry.gradient for entry in found]), "%gradient", column)
         row = f.at("%matrix", f.mul(column, "%columns"))
-        f.increase(f.fmul(HALF, _sum(f, [_dot(f, entry.weighted, entry.slopes) for entry in found])), row, column)
+        f.increase(f.fmul(HALF, f.sum([_dot(f, entry.weighted, entry.slopes) for entry in found])), row, column)
         with f.loop(0, e) as other:
             products = [_dot(f, en.weighted, term.slopes(other)) for en, term in zip(found, terms, strict=True)]
-            f.increase(_sum(f, products), row, terms[0].column(other))
+            f.increase(f.sum(products), row, terms[0].column(other))
         for i, entry in enumerate(found):
             for number, factor in enumerate(entry.reach):
                 f.store(factor, "%reach", f.add(f.mul(e, size * n), i * n + number))
@@ -299,13 +299,6 @@ class _Terms:
 def _whole(f: Function) -> str:
     """The width, told to be whole vectors, so that loops over it have no rest to do one by one."""
     return f.new(f"and i64 %width, -{VECTOR}")
-
-
-def _sum(f: Function, terms: Rows) -> str:
-    total = terms[0]
-    for term in terms[1:]:
-        total = f.fadd(total, term)
-    return total
 
 
 def _sensitivity(f: Function, n: int, slot: int, state: int) -> str:

@@ -103,7 +103,8 @@ class Workspace:
         carried = (_at(self.sensitivities), self.width, _at(self.turn), _at(self.next))
         jacobian = (_at(self._jacobian), columns)
         self.kernel.sweeps.rows(chunk.length, *self._steps[1:], *carried, *self._entries, *jacobian)
-        residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
+        with np.errstate(invalid="ignore"):
+            residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:

@@ -1,0 +1,134 @@
+"""The examples, and what README and documents show, work as written.
+
+In a document the language of a block says what is done with it: `sh` lines that begin with `kennfeld` are run,
+`python` is run from top to bottom, `kf` is read as formula text, and `toml` with a `[model]` as a project file.
+Documents run in the folder of the torque demo, README in that of the example it shows.
+"""
+
+import contextlib
+import json
+import re
+import shlex
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from kennfeld import Project, cli, formula
+from kennfeld.project.demo import write
+
+ROOT = Path(__file__).parents[1]
+PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NOISE = {"air-flow": 1.0, "exhaust-temperature": 2.0}  # standard deviation in the data
+
+by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    """A folder to run in, from a copy of an example or the torque demo."""
+
+    def enter(document):
+        folder = tmp_path / "work"
+        if document.name == "README.md":
+            shutil.copytree(ROOT / "examples" / "air-flow", folder)
+        else:
+            write("torque", folder)
+        monkeypatch.chdir(folder)
+        return folder
+
+    return enter
+
+
+def blocks(document, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", document.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("project", PROJECTS, ids=lambda path: path.parent.name)
+def test_every_example_is_calibrated_to_its_noise(project, tmp_path, capsys):
+    folder = Path(shutil.copytree(project.parent, tmp_path / "example"))
+    assert cli.run(["check", str(folder / "kennfeld.toml")]) == 0
+    assert capsys.readouterr().err == ""
+    assert cli.run(["calibrate", str(folder / "kennfeld.toml")]) == 0
+    found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+    for row in found["quality"]:
+        assert row["rmse_after"] < 1.5 * NOISE[project.parent.name]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_every_script_runs(script, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script.read_text(encoding="utf-8"), str(script), "exec"), {"__name__": "__main__"})
+    assert "converged" in capsys.readouterr().out
+
+
+@by_name
+def test_commands_shown_work(document, workplace):
+    lines = [line for block in blocks(document, "sh") for line in block.splitlines() if line.startswith("kennfeld ")]
+    if not lines:
+        return
+    folder = workplace(document)
+    (folder / "results").mkdir()
+    shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm") if (
+        folder / "start.dcm"
+    ).exists() else None
+    for line in lines:
+        assert cli.run(shlex.split(line, comments=True)[1:]) == 0, line
+
+
+@by_name
+def test_python_shown_works(document, workplace):
+    code = "\n".join(blocks(document, "python"))
+    if not code:
+        return
+    workplace(document)
+    with contextlib.redirect_stdout(None):
+        exec(compile(code, str(document), "exec"), {})
+
+
+@by_name
+def test_formulas_shown_can_be_read(document):
+    for text in blocks(document, "kf"):
+        assert formula(text).graph.names
+
+
+@by_name
+def test_project_files_shown_are_right(document, workplace):
+    for text in blocks(document, "toml"):
+        assert tomllib.loads(text)
+        if "[model]" in text:
+            folder = workplace(document)
+            (folder / "shown.toml").write_text(text, encoding="utf-8")
+            errors = [str(f) for f in Project.read("shown.toml").check() if f.severity == "error"]
+            assert errors == []
+
+
+@by_name
+def test_links_lead_somewhere(document):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", document.read_text(encoding="utf-8")):
+        assert (document.parent / target).exists(), target
+
+
+def test_the_readme_shows_what_the_demo_prints(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["demo", "torque"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    shown = (
+        (ROOT / "README.md").read_text(encoding="utf-8").partition("$ kennfeld demo torque\n")[2].partition("```")[0]
+    )
+    times = re.compile(r", [\d.]+ s$")
+    numbers = re.compile(r"\d+\.\d+|\d+")
+    assert len(shown.splitlines()) <= len(printed)
+    for ours, theirs in zip(shown.splitlines(), printed, strict=False):
+        assert numbers.sub("", times.sub("", ours)) == numbers.sub("", times.sub("", theirs))
+        pairs = zip(numbers.findall(times.sub("", ours)), numbers.findall(times.sub("", theirs)), strict=True)
+        for one, other in pairs:
+            assert float(one) == pytest.approx(float(other), rel=0.02, abs=3 if "iterations" in ours else 0)
+
+
+def test_every_document_is_in_the_navigation():
+    listed = re.findall(r"[\w-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert sorted(listed) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
