@@ -2,7 +2,6 @@
 
 import json
 import os
-import pty
 import shutil
 import signal
 import subprocess
@@ -421,9 +420,9 @@ class TestSurroundings:
         assert lines[0].split() == ["criterion", "TorquePredict"]
         assert all(len(line) <= 40 for line in lines[: lines.index("") + 1])
 
-    @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo terminal")
     @pytest.mark.parametrize("environment", [{}, {"NO_COLOR": "1"}])
     def test_a_terminal_gets_a_live_line_and_the_same_table(self, project, environment):
+        pty = pytest.importorskip("pty")
         ours, theirs = pty.openpty()
         running = subprocess.Popen(
             [*COMMAND, "calibrate", str(project)],

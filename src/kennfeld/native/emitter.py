@@ -18,7 +18,7 @@ from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_wind
 
 __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
 
-SEGMENT = 3000  # items a function
+SEGMENT = 600  # items a function
 
 PARAMETERS = (
     ("ptr", "data"),  # double[inputs][stride], the samples of one input in a row

@@ -16,6 +16,8 @@ C_FUNCTIONS = {
     "sinh": 1, "cosh": 1, "tanh": 1, "pow": 2, "erfc": 1,
 }  # fmt: skip
 
+LONG = 1_000_000  # characters of IR from which the code generator shall not try hard: it would take seconds
+
 _compiling = threading.Lock()
 
 
@@ -24,7 +26,7 @@ class Engine:
 
     def __init__(self, text: str) -> None:
         with _compiling:
-            self._machine = _target_machine()
+            self._machine = _target_machine(1 if len(text) > LONG else 2)
             module = llvm.parse_assembly(_DECLARATIONS + text)
             module.triple = self._machine.triple
             module.data_layout = str(self._machine.target_data)
@@ -59,12 +61,12 @@ def _c_library() -> ctypes.CDLL:
     return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
-def _target_machine() -> Any:
+def _target_machine(effort: int) -> Any:
     _initialise()
     target = llvm.Target.from_default_triple()
     # Code model "jitdefault" reaches the C library wherever the system has put it.
     return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, codemodel="jitdefault"
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=effort, codemodel="jitdefault"
     )
 
 

@@ -294,9 +294,9 @@ def _entry_items(
                 place = f.add(start, wide)
                 column = f.new(f"trunc i64 {f.add(corner.index, base)} to i32")
                 f.store(column, "%index", place, "i32")
+                into = f.at("%slope", f.mul(place, width))
                 for row, slope in enumerate(row_slopes):
-                    product = ZERO if slope == ZERO else step.product(slope, corner.weight)
-                    f.store(product, "%slope", f.add(f.mul(place, width), row))
+                    f.store(ZERO if slope == ZERO else step.product(slope, corner.weight), into, row)
                 if not entries.fixed:
                     f.store(f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
 

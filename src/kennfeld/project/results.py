@@ -48,7 +48,9 @@ def write(result: Result, project: Simulated, folder: str | Path) -> tuple[Path,
         _write_trace(result.trace, scratch / "trace.csv")
         _save(simulation, scratch / "simulation.parquet")
         _write_json(result.as_json(), scratch / "result.json")
-        names = [path.name for path in sorted(scratch.iterdir(), key=lambda path: path.name == "result.json")]
+        names = [
+            path.name for path in sorted(scratch.iterdir(), key=lambda path: (path.name == "result.json", path.name))
+        ]
         _move(names, scratch, target)
     return tuple(target / name for name in names)
 

@@ -1,0 +1,73 @@
+import json
+
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.terminal.contents import contents
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(name, text):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_recording_tells_its_time_and_what_is_left_out(written):
+    found = contents(written("drive.csv", "time,Speed,note\ns,rpm,\n0.0,1000,cold\n0.1,,warm\n0.2,1200,warm\n"))
+    text = "\n".join(found.lines())
+    assert found.summary.startswith("drive.csv: measurement (CSV)")
+    assert "time from 0 s to 0.2 s, a sample every 0.1 s" in text
+    assert "columns without numbers: note" in text
+    assert "33.3%" in text
+
+
+def test_a_model_with_memory_tells_its_states(written):
+    found = contents(written("lag.kf", "y[degC] = PT1(MapA(u, v), T1) + delay(u, 3, 0)\nscalar T1[s]\nstep 0.1"))
+    assert "states" in found.summary
+    assert found.as_json["step"] == 0.1
+    assert {"name": "MapA", "kind": "map"} in found.as_json["parameters"]
+
+
+def test_values_that_are_not_finite_are_null(written):
+    found = contents(written("empty.csv", "a,b\n1,\n2,\n"))
+    assert json.loads(json.dumps(found.as_json, allow_nan=False))["tables"][0]["channels"][1]["minimum"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "content"),
+    [
+        ("# a comment\n\n3 y[-] = 2 * x\n", "formula"),
+        ("input Speed[rpm]\ny = Speed\n", "formula"),
+        ("%engine speed% = 2 * x\n", "formula"),
+        ('[model]\nfile = "a.kf"\n[[dataset]]\nfiles = ["a.csv"]\n[[criterion]]\nnode = "y"\ntarget = 1\n', "project"),
+        ("FESTWERT K\n  WERT 1.0\nEND\n", "calibration"),
+        ('{"K": {"kind": "scalar", "unit": "", "value": 1.0}}', "calibration"),
+        ("Speed;Torque\n1000;80\n2000;90\n", "measurement"),
+    ],
+)
+def test_text_is_told_by_what_it_says(written, text, content):
+    assert contents(written("file.txt", text)).as_json["content"] == content
+
+
+def test_a_calibration_shows_group_axes_texts_and_what_is_left_aside(written):
+    text = """KONSERVIERUNG_FORMAT 2.0
+STUETZSTELLENVERTEILUNG AxisSpeed 2
+  EINHEIT_X "rpm"
+  ST/X 1000 2000
+END
+TEXTSTRING Version
+  TEXT "V1.2"
+END
+"""
+    shown = "\n".join(contents(written("set.dcm", text)).lines())
+    assert "AxisSpeed" in shown
+    assert "V1.2" in shown
+
+
+def test_what_is_nothing_of_the_kind_is_named(written):
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        contents(written("notes.txt", ""))
