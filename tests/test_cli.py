@@ -127,10 +127,10 @@ def insert(path, line, text):
 
 
 def second_start(folder):
+    """A second initial file with another axis for the same curve."""
     change(folder / "kennfeld.toml", '"start.dcm" ', '["start.dcm", "more.dcm"] ')
     shutil.copy(folder / "start.dcm", folder / "more.dcm")
-    change(folder / "more.dcm", "CurveEtaDeltaSpark", "MapOptTorque2")
-    change(folder / "more.dcm", "KENNFELD MapDragTorque 17 10", "KENNLINIE MapDragTorque 17")
+    change(folder / "more.dcm", "  -15.0 ", "  -14.0 ")
 
 
 SPOILT = {
@@ -145,6 +145,7 @@ SPOILT = {
         lambda f: change(f / "start.dcm", "KENNLINIE CurveEtaDeltaSpark 12", "KENNLINIE CurveEtaDeltaSpark 13"),
         ["start.dcm", "CurveEtaDeltaSpark"],
     ),
+    "a name that two files define differently": (second_start, ["CurveEtaDeltaSpark", "more.dcm", "start.dcm"]),
     "an unknown key": (lambda f: change(f / "kennfeld.toml", "use = ", "usage = "), ["usage", "Did you mean use?"]),
     "an algebraic loop": (lambda f: change(f / "torque.kf", "ignOpt - Ignition", "product - 1"), ["torque.kf", "loop"]),
     "an unknown parameter": (

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_graphs import graphs, one_nan
+from formula_graphs import graphs, one_nan
 
 from kennfeld.errors import InputError
 from kennfeld.graph import Graph

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from random_graphs import graphs, one_nan
+from formula_graphs import graphs, one_nan
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import OPERATIONS, Builder, Graph

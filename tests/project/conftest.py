@@ -118,3 +118,9 @@ class Workshop:
 @pytest.fixture
 def shop(tmp_path: Path) -> Workshop:
     return Workshop(tmp_path)
+
+
+@pytest.fixture
+def sound_toml():
+    """The text of a project file without a fault."""
+    return TOML

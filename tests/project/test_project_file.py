@@ -204,11 +204,10 @@ TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", 
 
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_a_damaged_project_file_raises_input_error_or_reads(shop, data):
-    from conftest import TOML
-
+def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, data):
     text = (
-        TOML + "\n[parameters.Gain]\nx = { input = 'Speed', count = 3 }\nbounds = [0, inf]\nlock = [{ x = [1, 2] }]\n"
+        sound_toml
+        + "\n[parameters.Gain]\nx = { input = 'Speed', count = 3 }\nbounds = [0, inf]\nlock = [{ x = [1, 2] }]\n"
     )
     for _ in range(data.draw(st.integers(1, 3))):
         first = data.draw(st.integers(0, len(text)))
