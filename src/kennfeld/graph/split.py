@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from kennfeld.graph.lowering import dependent, rewrite
-from kennfeld.graph.node import Builder, Graph
+from kennfeld.graph.node import Builder, Graph, extract
 from kennfeld.graph.operations import OPERATIONS
 
 __all__ = ["Split", "split"]
@@ -18,11 +18,13 @@ _WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
 class Split:
     """The part of a graph that depends on free parameters, and the columns it now reads.
 
-    `columns` maps the name of each new input to the node of the old graph that it holds.
+    `columns` maps the name of each new input to the node of the old graph that it holds; `prepared` is the part of the
+    old graph that computes them.
     """
 
     graph: Graph
     columns: Mapping[str, int]
+    prepared: Graph
 
 
 def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Split:
@@ -49,7 +51,8 @@ def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Spli
     reduced = Graph(
         graph.nodes, {name: graph.names[name] for name in outputs}, graph.states, graph.units, tuple(outputs)
     )
-    return Split(rewrite(reduced, resolve), columns)
+    prepared = extract(graph.nodes, graph.states, columns, {}, ())
+    return Split(rewrite(reduced, resolve), columns, prepared)
 
 
 def _entering(graph: Graph, roots: Collection[int], live: Collection[int]) -> set[int]:

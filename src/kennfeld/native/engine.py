@@ -66,7 +66,10 @@ def _target_machine(effort: int) -> Any:
     target = llvm.Target.from_default_triple()
     # Code model "jitdefault" reaches the C library wherever the system has put it.
     return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=effort, codemodel="jitdefault"
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=effort,
+        codemodel="jitdefault",
     )
 
 

@@ -52,6 +52,20 @@ class Samples:
         """How many samples there are."""
         return int(self.targets.shape[1])
 
+    def thinned(self, most: int) -> "Samples":
+        """Evenly picked samples of each piece, about `most` in all; pieces must be without memory."""
+        if self.count <= most:
+            return self
+        share = most / self.count
+        picked, pieces, at = [], [], 0
+        for piece in self.pieces:
+            count = max(1, round((piece.last - piece.first) * share))
+            picked.append(np.linspace(piece.first, piece.last - 1, count).astype(np.int64))
+            pieces.append(Piece(at, at + count, piece.scores))
+            at += count
+        chosen = np.concatenate(picked)
+        return Samples(self.data[:, chosen], self.targets[:, chosen], tuple(pieces))
+
     def chunks(self, length: int) -> list[Chunk]:
         """The pieces cut into chunks of at most `length`."""
         cuts = [

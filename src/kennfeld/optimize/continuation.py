@@ -15,11 +15,10 @@ from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.quadratic import Limits
 
-__all__ = ["MOST_SAMPLES", "STAGES", "descend_smoothed"]
+__all__ = ["STAGES", "descend_smoothed"]
 
 STAGES = tuple(4.0 / 2**i for i in range(8))  # widths in mean breakpoint spacings
 STAGE_TOLERANCE = 1e-5
-MOST_SAMPLES = 20_000
 
 
 def descend_smoothed(
@@ -31,7 +30,7 @@ def descend_smoothed(
     report: Callable[[str, Iteration, Float], None],
 ) -> Descent | None:
     """The end of the continuation on the exact model; None where no lookup can be smoothed."""
-    smooth = Compiled(problem, smooth=True, most=MOST_SAMPLES)
+    smooth = Compiled(problem, smooth_like=exact)
     if not smooth.smoothed:
         return None
     at, iterations, evaluations = start, 0, 0

@@ -22,6 +22,7 @@ from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem"]
 
+MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
 Smoothness = Mapping[str, float | Sequence[float]]
 
 
@@ -101,14 +102,14 @@ def difference(criterion: int) -> str:
 class Compiled:
     """A problem made ready to be evaluated: data-only parts computed, samples sorted, kernel compiled.
 
-    With `smooth`, lookups whose coordinate depends on a free parameter are smoothed, by standard deviations `width`
-    times the mean spacing of their axis; at most `most` samples of steady-state data are then used.
+    With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
+    smoothed, and at most `MOST_SMOOTHED` samples of steady-state data are used.
     """
 
-    def __init__(self, problem: Problem, *, smooth: bool = False, most: int | None = None) -> None:
+    def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
-        lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth else ())
+        lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
         outputs = [difference(i) for i in range(len(problem.criteria))]
         self._split = split(lowered.graph, outputs, free)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
@@ -131,7 +132,7 @@ class Compiled:
             }
         )
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
-        self.samples = self._gather(lowered, most)
+        self.samples = self._gather(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
         self.accumulator = Accumulator(self.kernel, self.samples)
         self.values = self.kernel.values
         self.roughness = Roughness.of(parameters, self.values, {name: problem.factors(name) for name in free})
@@ -141,11 +142,23 @@ class Compiled:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
-    def _gather(self, lowered: Lowered, most: int | None) -> Samples:
+    def _shared(self, lowered: Lowered, other: "Compiled") -> Samples:
+        """The samples of another form of the problem, where its data-only part is the same."""
+        mine, theirs = list(self.kernel.layout.inputs), other.kernel.layout.inputs
+        if self._split.prepared != other._split.prepared or not theirs.keys() >= set(mine):
+            samples = self._gather(lowered)
+        elif mine == list(theirs):
+            samples = other.samples
+        else:
+            rows = other.samples.data[[theirs[name] for name in mine]]
+            samples = Samples(rows, other.samples.targets, other.samples.pieces)
+        return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
+
+    def _gather(self, lowered: Lowered) -> Samples:
         rows, targets, pieces, at = [], [], [], 0
         for bound in self.problem.training:
             target = np.array([self.problem.target(c, bound) for c in self.problem.criteria])
-            data, order = self._data(lowered, bound, target, most)
+            data, order = self._data(lowered, bound, target)
             rows.append(data)
             targets.append(target if order is None else target[:, order])
             scores = np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
@@ -156,7 +169,7 @@ class Compiled:
         join = (lambda parts: parts[0]) if len(rows) == 1 else (lambda parts: np.concatenate(parts, axis=1))
         return Samples(join(rows), join(targets), tuple(pieces))
 
-    def _data(self, lowered: Lowered, bound: Bound, target: Float, most: int | None) -> tuple[Float, Int | None]:
+    def _data(self, lowered: Lowered, bound: Bound, target: Float) -> tuple[Float, Int | None]:
         """Rows of the kernel's inputs; without states the order in which neighbours lie in the same cells."""
         split = self._split
         data = np.empty((len(self.kernel.layout.inputs), bound.count))
@@ -170,8 +183,6 @@ class Compiled:
             return data, None
         scored = np.isfinite(target).any(axis=0)
         order = self._cell_order(lowered, data, np.asarray(scored))
-        if most is not None and order.size > most:
-            order = order[np.linspace(0, order.size - 1, most).astype(np.int64)]
         for i in range(len(data)):
             data[i, : order.size] = data[i, order]
         return data[:, : order.size], order
@@ -208,7 +219,7 @@ def _extremes(values: Float) -> list[float]:
     return [values.min(), values.max()] if values.size else []
 
 
-BLOCK = 65536
+BLOCK = 65536  # samples computed at once
 
 
 def _precompute(

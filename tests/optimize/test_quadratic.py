@@ -1,0 +1,219 @@
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import LinearConstraint, lsq_linear, minimize
+
+from kennfeld.optimize.quadratic import Limits, nonnegative_dual, pins, solve
+
+
+def convex(size, random, condition=1e2):
+    """A positive definite matrix and a gradient."""
+    q, _ = np.linalg.qr(random.standard_normal((size, size)))
+    matrix = (q * np.geomspace(1.0, condition, size)) @ q.T
+    return (matrix + matrix.T) / 2, 3 * random.standard_normal(size)
+
+
+def solved(matrix, gradient, at, limits, guess=None):
+    factor = np.asfortranarray(cholesky(matrix, lower=True))
+    return solve(factor, -np.linalg.solve(matrix, gradient), at, limits, guess)
+
+
+def worth(matrix, gradient, step):
+    return 0.5 * step @ matrix @ step + gradient @ step
+
+
+def best_of_all_active_sets(matrix, gradient, at, limits):
+    """The least value over every choice of active bounds that leaves a step within the limits."""
+    size, equal = at.size, limits.matrix.reshape(-1, at.size)
+    best, found = np.inf, None
+    for signs in product((-1, 0, 1), repeat=size):
+        held = np.flatnonzero(signs)
+        bound = np.where(np.array(signs) > 0, limits.upper, limits.lower)[held]
+        if not np.all(np.isfinite(bound)):
+            continue
+        rows = np.vstack([equal, np.eye(size)[held]])
+        right = np.concatenate([limits.target - equal @ at, bound - at[held]])
+        system = np.block([[matrix, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
+        step = np.linalg.lstsq(system, np.concatenate([-gradient, right]), rcond=1e-12)[0][:size]
+        inside = np.all(at + step <= limits.upper + 1e-8) and np.all(at + step >= limits.lower - 1e-8)
+        met = np.allclose(rows @ step, right, atol=1e-8)
+        if inside and met and worth(matrix, gradient, step) < best:
+            best, found = worth(matrix, gradient, step), step
+    return found
+
+
+def some_limits(size, random, equalities):
+    """A point, bounds around it of which some are far and some touch it, and equalities that it meets."""
+    at = random.standard_normal(size)
+    room = random.choice([0.0, 0.3, 1.0, np.inf], (2, size), p=[0.1, 0.4, 0.3, 0.2])
+    room[1] = np.where(room.sum(axis=0) == 0, 1.0, room[1])
+    matrix = random.standard_normal((equalities, size))
+    return at, Limits(at - room[0], at + room[1], matrix, matrix @ at)
+
+
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("equalities", [0, 1, 2])
+def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
+    random = np.random.default_rng([seed, equalities])
+    size = int(random.integers(2 + equalities, 6))
+    matrix, gradient = convex(size, random)
+    at, limits = some_limits(size, random, equalities)
+    step = solved(matrix, gradient, at, limits).step
+    np.testing.assert_allclose(step, best_of_all_active_sets(matrix, gradient, at, limits), atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("equalities", [0, 1])
+def test_a_wrong_guess_of_active_bounds_changes_nothing(seed, equalities):
+    random = np.random.default_rng([seed, equalities, 7])
+    matrix, gradient = convex(5, random)
+    at, limits = some_limits(5, random, equalities)
+    guess = random.integers(-1, 2, 5)
+    step = solved(matrix, gradient, at, limits, guess).step
+    np.testing.assert_allclose(step, best_of_all_active_sets(matrix, gradient, at, limits), atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_programs_with_bounds_agree_with_scipy(seed):
+    random = np.random.default_rng([seed, 1])
+    rows = random.standard_normal((120, 60))
+    right = random.standard_normal(120)
+    at, limits = some_limits(60, random, 0)
+    limits = Limits(limits.lower - 1e-3, limits.upper + 1e-3, limits.matrix, limits.target)
+    step = solved(rows.T @ rows, rows.T @ (rows @ at - right), at, limits).step
+    judge = lsq_linear(rows, right, (limits.lower, limits.upper), method="bvls", tol=1e-14)
+    np.testing.assert_allclose(at + step, judge.x, atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_programs_with_bounds_and_equalities_agree_with_scipy(seed):
+    random = np.random.default_rng([seed, 2])
+    matrix, gradient = convex(25, random)
+    at, limits = some_limits(25, random, 3)
+    step = solved(matrix, gradient, at, limits).step
+    judge = minimize(
+        lambda d: worth(matrix, gradient, d),
+        np.zeros(25),
+        jac=lambda d: matrix @ d + gradient,
+        bounds=list(zip(limits.lower - at, limits.upper - at, strict=True)),
+        constraints=LinearConstraint(limits.matrix, 0.0, 0.0),
+        method="SLSQP",
+        options={"ftol": 1e-15, "maxiter": 500},
+    )
+    assert worth(matrix, gradient, step) <= judge.fun + 1e-9 * abs(judge.fun)
+    np.testing.assert_allclose(limits.matrix @ step, 0.0, atol=1e-9)
+    assert np.all(limits.clip(at + step) - (at + step) <= 1e-9)
+
+
+def test_a_free_step_within_the_bounds_is_taken_as_it_is():
+    matrix, gradient = convex(4, np.random.default_rng(0))
+    free = -np.linalg.solve(matrix, gradient)
+    solution = solved(matrix, gradient, np.zeros(4), Limits.none(4))
+    assert np.array_equal(solution.step, free)
+    assert not solution.active.any()
+
+
+def test_active_says_which_bounds_press():
+    solution = solved(np.eye(3), np.array([-2.0, 2.0, 0.1]), np.zeros(3), Limits(np.full(3, -1.0), np.full(3, 1.0)))
+    assert solution.active.tolist() == [1, -1, 0]
+    assert solution.step.tolist() == pytest.approx([1.0, -1.0, -0.1])
+
+
+def test_an_equality_given_twice_is_met_once():
+    random = np.random.default_rng(3)
+    matrix, gradient = convex(6, random)
+    row = random.standard_normal((1, 6))
+    once = solved(matrix, gradient, np.zeros(6), Limits(*np.outer([-1, 1], np.ones(6)), row, np.array([0.4])))
+    twice = solved(
+        matrix, gradient, np.zeros(6), Limits(*np.outer([-1, 1], np.ones(6)), np.vstack([row, 2 * row]), [0.4, 0.8])
+    )
+    np.testing.assert_allclose(twice.step, once.step, atol=1e-7)
+    assert row @ twice.step == pytest.approx(0.4, abs=1e-9)
+
+
+def test_an_equality_that_a_bound_decides_is_met():
+    limits = Limits(np.array([0.0, -1.0]), np.array([1.0, 1.0]), np.array([[1.0, 0.0]]), np.array([1.0]))
+    step = solved(np.eye(2), np.array([5.0, -3.0]), np.array([1.0, 0.0]), limits).step
+    np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-9)
+
+
+def test_values_of_very_different_size_keep_their_bounds():
+    size = np.array([1e-9, 1.0, 1e9])
+    matrix, gradient = np.diag(1 / size**2), -10 / size
+    limits = Limits(-size, size)
+    np.testing.assert_allclose(solved(matrix, gradient, np.zeros(3), limits).step, size, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_dual_meets_the_optimality_conditions(seed):
+    random = np.random.default_rng([seed, 4])
+    equalities, size = int(random.integers(0, 4)), int(random.integers(4, 30))
+    columns = random.standard_normal((size + 2, size))
+    matrix, excess = columns.T @ columns, random.standard_normal(size)
+    m = nonnegative_dual(matrix, excess, equalities)
+    slope = matrix @ m - excess
+    scale = np.abs(excess).max()
+    np.testing.assert_allclose(slope[:equalities], 0, atol=1e-8 * scale)
+    assert np.all(m[equalities:] >= 0)
+    assert np.all(slope[equalities:] >= -1e-8 * scale)
+    assert abs(m[equalities:] @ slope[equalities:]) <= 1e-8 * scale
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_dual_of_dependent_rows_still_gives_the_step(seed):
+    random = np.random.default_rng([seed, 5])
+    columns = random.standard_normal((6, 4)) @ random.standard_normal((4, 9))
+    columns = np.hstack([columns, columns[:, :3]])
+    excess = columns.T @ random.standard_normal(6)
+    m = nonnegative_dual(columns.T @ columns, excess, 0)
+    slope = columns.T @ (columns @ m) - excess
+    assert np.all(m >= 0)
+    assert np.all(slope >= -1e-6)
+
+
+def test_a_row_that_no_value_enters_is_left_alone():
+    limits = Limits(np.full(2, -1.0), np.full(2, 1.0), np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([1e-17, 0.5]))
+    step = solved(np.eye(2), np.array([-9.0, 1.0]), np.zeros(2), limits).step
+    np.testing.assert_allclose(step, [1.0, -0.5], atol=1e-9)
+
+
+def test_no_rows_have_no_multipliers():
+    assert nonnegative_dual(np.zeros((0, 0)), np.zeros(0), 0).size == 0
+
+
+def test_a_grid_point_that_a_pin_names_twice_counts_twice():
+    matrix, target = pins(3, [(np.array([0, 2, 2]), np.array([0.5, 0.25, 0.25]), 7.0)])
+    assert matrix.tolist() == [[0.5, 0.0, 0.5]]
+    assert target.tolist() == [7.0]
+
+
+def test_violation_is_relative_to_the_sizes_in_the_row():
+    limits = Limits(*np.outer([-np.inf, np.inf], np.ones(2)), np.array([[1.0, 1.0]]), np.array([2e6]))
+    assert limits.violation(np.array([1e6, 1e6])) == 0.0
+    assert limits.violation(np.array([1e6, 1e6 + 4.0])) == pytest.approx(1e-6, rel=1e-3)
+
+
+def test_the_solution_is_where_no_feasible_direction_falls():
+    random = np.random.default_rng(11)
+    matrix, gradient = convex(200, random, 1e8)
+    at, limits = some_limits(200, random, 4)
+    solution = solved(matrix, gradient, at, limits)
+    slope = matrix @ solution.step + gradient
+    free = solution.active == 0
+    multipliers = np.linalg.lstsq(limits.matrix[:, free].T, -slope[free], rcond=None)[0]
+    rest = slope + limits.matrix.T @ multipliers
+    scale = np.abs(gradient).max()
+    np.testing.assert_allclose(rest[free], 0, atol=1e-6 * scale)
+    assert np.all(rest[solution.active == 1] <= 1e-6 * scale)
+    assert np.all(rest[solution.active == -1] >= -1e-6 * scale)
+
+
+def test_the_factor_is_used_as_it_is():
+    matrix, gradient = convex(5, np.random.default_rng(2))
+    factor = np.asfortranarray(cholesky(matrix, lower=True))
+    kept = factor.copy()
+    free = -solve_triangular(factor.T, solve_triangular(factor, gradient, lower=True), lower=False)
+    solve(factor, free, np.zeros(5), Limits(np.full(5, -0.01), np.full(5, 0.01)))
+    assert np.array_equal(factor, kept)
