@@ -18,25 +18,30 @@ __all__ = ["Bound", "bind"]
 class Bound:
     """The samples of a dataset that a model can be run on.
 
-    `columns` holds the model's inputs, and `dt` and `t` where it reads them. `kept` are the dataset's samples in
-    order; `starts` the first sample of each piece among them; `scored` marks the ones that count.
+    `columns` holds the model's inputs, and `dt` and `t` where it reads them. `picked` are the dataset's samples in
+    order, None for all; `starts` the first sample of each piece among them; `scored` marks the ones that count.
     """
 
     dataset: Dataset
     columns: Mapping[str, Float]
-    kept: Int
+    picked: Int | None
     starts: Int
     scored: Bool
 
     @property
     def count(self) -> int:
         """How many samples were kept."""
-        return self.kept.size
+        return self.scored.size
+
+    @property
+    def kept(self) -> Int:
+        """The dataset's samples that were kept, by number."""
+        return np.arange(self.dataset.samples) if self.picked is None else self.picked
 
     def channel(self, name: str) -> Float:
         """A channel over the kept samples."""
         values = self.dataset[name].values
-        return values if self.kept.size == values.size else values[self.kept]
+        return values if self.picked is None else values[self.picked]
 
 
 def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str]) -> Bound:
@@ -60,11 +65,11 @@ def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str]) -> Bound:
         kept = _complete(dataset, inputs)
         starts = np.zeros(min(1, kept.size), dtype=np.int64)
     scored = np.ones(kept.size, bool) if dataset.scored is None else dataset.scored[kept]
-    whole = kept.size == dataset.samples
-    columns = {name: values if whole else values[kept] for name, values in inputs.items()}
+    picked = None if kept.size == dataset.samples else kept
+    columns = {name: values if picked is None else values[picked] for name, values in inputs.items()}
     if clocks and dataset.time is not None:
         columns |= _clock(dataset.time[kept], starts)
-    return Bound(dataset, columns, kept, starts, scored)
+    return Bound(dataset, columns, picked, starts, scored)
 
 
 def _complete(dataset: Dataset, inputs: Mapping[str, Float]) -> Int:

@@ -34,7 +34,7 @@ def descend_smoothed(
     if not smooth.smoothed:
         return None
     at, iterations, evaluations = start, 0, 0
-    stage_settings = replace(settings, tolerance=STAGE_TOLERANCE, patience=1)
+    stage_settings = replace(settings, tolerance=STAGE_TOLERANCE, patience=2)
     for width in STAGES:
         smooth.set_width(width)
         found = gauss_newton(SumOfSquares(smooth), at, limits, stage_settings, partial(report, f"smooth {width:g}"))

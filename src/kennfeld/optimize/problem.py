@@ -3,20 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.graph import OPERATIONS, Builder, Graph
 from kennfeld.graph.lowering import Lowered, lower, rewrite
-from kennfeld.graph.split import Split, split
+from kennfeld.graph.split import split
 from kennfeld.models import Model
-from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples, Simulator
+from kennfeld.native import Accumulator, Kernel, Output, Samples
 from kennfeld.optimize.binding import Bound, bind
 from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.parameters import ParameterSet
 
@@ -132,7 +132,7 @@ class Compiled:
             }
         )
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
-        self.samples = self._gather(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
+        self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
         self.accumulator = Accumulator(self.kernel, self.samples)
         self.values = self.kernel.values
         self.roughness = Roughness.of(parameters, self.values, {name: problem.factors(name) for name in free})
@@ -142,61 +142,28 @@ class Compiled:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
+    def _gathered(self, lowered: Lowered) -> Samples:
+        problem = self.problem
+        sources = [
+            Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
+            for bound in problem.training
+        ]
+        return gather(sources, lowered, self._split, self.kernel, problem.parameters)
+
+    def _scores(self, bound: Bound) -> Float:
+        return np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
+
     def _shared(self, lowered: Lowered, other: "Compiled") -> Samples:
         """The samples of another form of the problem, where its data-only part is the same."""
         mine, theirs = list(self.kernel.layout.inputs), other.kernel.layout.inputs
         if self._split.prepared != other._split.prepared or not theirs.keys() >= set(mine):
-            samples = self._gather(lowered)
+            samples = self._gathered(lowered)
         elif mine == list(theirs):
             samples = other.samples
         else:
             rows = other.samples.data[[theirs[name] for name in mine]]
             samples = Samples(rows, other.samples.targets, other.samples.pieces)
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
-
-    def _gather(self, lowered: Lowered) -> Samples:
-        rows, targets, pieces, at = [], [], [], 0
-        for bound in self.problem.training:
-            target = np.array([self.problem.target(c, bound) for c in self.problem.criteria])
-            data, order = self._data(lowered, bound, target)
-            rows.append(data)
-            targets.append(target if order is None else target[:, order])
-            scores = np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
-            starts = bound.starts if order is None else np.zeros(min(1, order.size), dtype=np.int64)
-            edges = [*starts.tolist(), data.shape[1]]
-            pieces += [Piece(at + a, at + b, scores) for a, b in pairwise(edges)]
-            at += data.shape[1]
-        join = (lambda parts: parts[0]) if len(rows) == 1 else (lambda parts: np.concatenate(parts, axis=1))
-        return Samples(join(rows), join(targets), tuple(pieces))
-
-    def _data(self, lowered: Lowered, bound: Bound, target: Float) -> tuple[Float, Int | None]:
-        """Rows of the kernel's inputs; without states the order in which neighbours lie in the same cells."""
-        split = self._split
-        data = np.empty((len(self.kernel.layout.inputs), bound.count))
-        for name, row in self.kernel.layout.inputs.items():
-            if name not in split.columns:
-                data[row] = bound.columns[name]
-        if split.columns:
-            found = {n: r for n, r in self.kernel.layout.inputs.items() if n in split.columns}
-            _precompute(lowered, split, found, bound, self.problem.parameters, data)
-        if self.kernel.line.states:
-            return data, None
-        scored = np.isfinite(target).any(axis=0)
-        order = self._cell_order(lowered, data, np.asarray(scored))
-        for i in range(len(data)):
-            data[i, : order.size] = data[i, order]
-        return data[:, : order.size], order
-
-    def _cell_order(self, lowered: Lowered, data: Float, scored: Bool) -> Int:
-        """The scored samples, sorted by the cells of the positions that the data determine."""
-        inputs = self.kernel.layout.inputs
-        cells = [
-            data[inputs[name]].astype(np.int32)
-            for name, at in self._split.columns.items()
-            if name in inputs and lowered.graph.nodes[at].op == "position"
-        ]
-        order = np.lexsort(cells[::-1]) if cells else np.arange(data.shape[1])
-        return order[scored[order]] if not scored.all() else order
 
 
 def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
@@ -217,23 +184,3 @@ def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
 
 def _extremes(values: Float) -> list[float]:
     return [values.min(), values.max()] if values.size else []
-
-
-BLOCK = 65536  # samples computed at once
-
-
-def _precompute(
-    lowered: Lowered, split: Split, rows: Mapping[str, int], bound: Bound, parameters: ParameterSet, data: Float
-) -> None:
-    """Fill the rows that hold what depends on the data alone."""
-    simulator = Simulator(lowered, [split.columns[name] for name in rows], parameters)
-    names = simulator.inputs
-    whole = bool(lowered.graph.states)
-    length = bound.count if whole else BLOCK
-    for first in range(0, bound.count, max(length, 1)):
-        last = min(first + length, bound.count)
-        block = np.array([bound.columns[name][first:last] for name in names]).reshape(len(names), last - first)
-        starts = bound.starts.tolist() if whole else [0]
-        found = simulator.run(parameters, block, starts)
-        for row, values in zip(rows.values(), found, strict=True):
-            data[row, first:last] = values
