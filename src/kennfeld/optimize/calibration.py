@@ -106,10 +106,11 @@ class _Run:
         if other is None:
             return plain
         iterations, evaluations = plain.iterations + other.iterations, plain.evaluations + other.evaluations
+        best = min(plain, other, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
         if other.status == "stopped":
-            best = replace(plain, status=other.status, message=other.message)
-        else:
-            best = min(plain, other, key=lambda end: end.cost if end.status != "failed" else np.inf)
+            best = replace(best, status=other.status, message=other.message)
+        elif best.status == "failed":
+            best = replace(best, status=plain.status, message=plain.message)
         return replace(best, iterations=iterations, evaluations=evaluations)
 
     def _report(self, stage: str, line: Iteration, values: Float) -> None:

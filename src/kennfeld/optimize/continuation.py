@@ -29,7 +29,7 @@ def descend_smoothed(
     settings: Settings,
     report: Callable[[str, Iteration, Float], None],
 ) -> Descent | None:
-    """The end of the continuation on the exact model; None where no lookup can be smoothed."""
+    """The end of the continuation, its cost that of the exact model; None where no lookup can be smoothed."""
     smooth = Compiled(problem, smooth_like=exact)
     if not smooth.smoothed:
         return None
@@ -39,8 +39,9 @@ def descend_smoothed(
         smooth.set_width(width)
         found = gauss_newton(SumOfSquares(smooth), at, limits, stage_settings, partial(report, f"smooth {width:g}"))
         iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
-        if found.status in ("stopped", "failed"):
-            return replace(found, iterations=iterations, evaluations=evaluations)
         at = found.values
+        if found.status in ("stopped", "failed"):
+            cost = SumOfSquares(exact).cost(at)
+            return replace(found, cost=cost, iterations=iterations, evaluations=evaluations)
     last = gauss_newton(SumOfSquares(exact), at, limits, settings, partial(report, "exact"))
     return replace(last, iterations=iterations + last.iterations, evaluations=evaluations + last.evaluations)

@@ -28,6 +28,10 @@ class Objective(Protocol):
     def small(self) -> bool:
         """Whether `rows` fits memory and its digits are worth a QR."""
 
+    @property
+    def bends(self) -> bool:
+        """Whether `rows` changes smoothly enough to measure the curvature of the residuals."""
+
     def cost(self, values: Float) -> float:
         """The cost; not finite where the model fails."""
 
@@ -257,7 +261,7 @@ class _Descending:
             gain = line.gain(there - here)
             if gain <= self.settings.tolerance**2 * self.cost or np.array_equal(there, here):
                 return self._end("converged", "The gradient is zero within the tolerance.")
-            if self.objective.small:
+            if self.objective.bends:
                 bend = line.bend(factor, there - here)
                 if not 2 * line.length(bend) <= MOST_BEND * line.length(there - here):
                     self._harder()

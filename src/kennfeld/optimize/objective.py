@@ -30,6 +30,11 @@ class SumOfSquares:
         return self._small
 
     @property
+    def bends(self) -> bool:
+        """Whether the residuals' curvature can be read off `rows`: a robust loss changes their weights on the way."""
+        return self._small and all(output.loss == "square" for output in self._compiled.kernel.outputs)
+
+    @property
     def start(self) -> Float:
         """The free values as given."""
         return self._compiled.start[: self._free].copy()

@@ -27,6 +27,10 @@ class Limits:
     matrix: Float = field(default_factory=lambda: np.zeros((0, 0)))  # Float[equalities, values]
     target: Float = field(default_factory=lambda: np.zeros(0))  # Float[equalities]
 
+    def __post_init__(self) -> None:
+        if not self.target.size:
+            object.__setattr__(self, "matrix", np.zeros((0, self.lower.size)))
+
     @classmethod
     def none(cls, size: int) -> "Limits":
         """No limits on `size` values."""
@@ -71,10 +75,10 @@ def solve(lower_factor: Float, free_step: Float, at: Float, limits: Limits, gues
     if guess is not None:
         rows.add_bounds(guess, room_up, room_down)
     step = rows.step()
-    for _ in range(at.size + 1):
+    for _ in range(2 * at.size + 1):
         found = np.where(step > room_up + rows.slack(room_up), 1, 0)
         found = np.where(-step > room_down + rows.slack(room_down), -1, found)
-        found[rows.bounded] = 0
+        found[rows.bounded[found[rows.bounded] == rows.signs]] = 0
         if not found.any():
             break
         rows.add_bounds(found, room_up, room_down)
