@@ -19,13 +19,13 @@ def cost_at(points: list[list[float]]) -> dict[str, list[float]]:
     return {"costs": [_run(_parameters(given, given.whole(point)), max_iterations=0).cost_before for point in points]}
 
 
-def _run(start: ParameterSet, **options: Any) -> Any:
+def _run(start: ParameterSet, seed: int = 0, **options: Any) -> Any:
     from kennfeld.optimize import Options, Pin, calibrate
     from kennfeld.project.demo import torque
 
     return calibrate(
         torque.FORMULA,
-        torque.bench(),
+        torque.bench(seed),
         start,
         "Torque",
         node="TorquePredict",
@@ -35,10 +35,10 @@ def _run(start: ParameterSet, **options: Any) -> Any:
     )
 
 
-def solve(continuation: str) -> dict[str, Any]:
+def solve(continuation: str, seed: int = 0) -> dict[str, Any]:
     """Calibrate. The trace's seconds count from the end of compiling; stages on a smoothed model are left out."""
-    given = problem()
-    result = _run(given.parameters, continuation=continuation)
+    given = problem(seed)
+    result = _run(given.parameters, seed, continuation=continuation)
     compiled = result.seconds.compile
     exact = [line for line in result.trace if not line.stage.startswith("smooth")]
     return {

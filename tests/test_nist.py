@@ -10,10 +10,35 @@ import pytest
 import kennfeld as kf
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "data" / "nist_strd"
-PROBLEMS = """
-    Bennett5 BoxBOD Chwirut1 Chwirut2 DanWood ENSO Eckerle4 Gauss1 Gauss2 Gauss3 Hahn1 Kirby2 Lanczos1 Lanczos2
-    Lanczos3 MGH09 MGH10 MGH17 Misra1a Misra1b Misra1c Misra1d Nelson Rat42 Rat43 Roszman1 Thurber
-""".split()
+PROBLEMS = [
+    "Bennett5",
+    "BoxBOD",
+    "Chwirut1",
+    "Chwirut2",
+    "DanWood",
+    "ENSO",
+    "Eckerle4",
+    "Gauss1",
+    "Gauss2",
+    "Gauss3",
+    "Hahn1",
+    "Kirby2",
+    "Lanczos1",
+    "Lanczos2",
+    "Lanczos3",
+    "MGH09",
+    "MGH10",
+    "MGH17",
+    "Misra1a",
+    "Misra1b",
+    "Misra1c",
+    "Misra1d",
+    "Nelson",
+    "Rat42",
+    "Rat43",
+    "Roszman1",
+    "Thurber",
+]
 SETTINGS = kf.Options(max_iterations=2000, tolerance=1e-15)
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the NIST problems are not at {FOLDER}")

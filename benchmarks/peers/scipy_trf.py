@@ -12,11 +12,11 @@ from benchmarks.torque_problem import problem
 __all__ = ["solve"]
 
 
-def solve(cap: float, jacobian: str, scaled: bool) -> dict[str, Any]:
+def solve(cap: float, jacobian: str, scaled: bool, seed: int = 0) -> dict[str, Any]:
     """Solve with a Jacobian `differences`, `dense` or `sparse` (with lsmr); `scaled` says x_scale="jac"."""
     from scipy.optimize import least_squares
 
-    given = problem()
+    given = problem(seed)
     residual = Recorder(given.residual, given.start, cap)
     jacobians: dict[str, str | Callable[[NDArray[np.float64]], Any]] = {
         "differences": "2-point",

@@ -127,7 +127,10 @@ def test_an_equality_given_twice_is_met_once():
     row = random.standard_normal((1, 6))
     once = solved(matrix, gradient, np.zeros(6), Limits(*np.outer([-1, 1], np.ones(6)), row, np.array([0.4])))
     twice = solved(
-        matrix, gradient, np.zeros(6), Limits(*np.outer([-1, 1], np.ones(6)), np.vstack([row, 2 * row]), np.array([0.4, 0.8]))
+        matrix,
+        gradient,
+        np.zeros(6),
+        Limits(*np.outer([-1, 1], np.ones(6)), np.vstack([row, 2 * row]), np.array([0.4, 0.8])),
     )
     np.testing.assert_allclose(twice.step, once.step, atol=1e-7)
     assert row @ twice.step == pytest.approx(0.4, abs=1e-9)

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Accumulator:
     def _deal(self) -> list[list[Run]]:
         runs: list[Run] = [[c] for c in self.chunks]
         if self.stateful:
-            runs = [[c for c in self.chunks if c.piece == i] for i in range(len(self.samples.pieces))]
+            runs = [list(chunks) for _, chunks in groupby(self.chunks, key=lambda chunk: chunk.piece)]
         entries, columns = self.kernel.entries.room, self.kernel.values.free
         useful = self.samples.count * (entries * entries + 100) // (20 * (columns * columns + 1000))
         dealt = shares([sum(c.length for c in run) for run in runs], max(1, min(SHARES, useful)))
@@ -185,8 +186,8 @@ class Accumulator:
         space = self._workspaces[0]
         space.use(values)
         m = len(self.kernel.outputs)
-        residual = np.empty(self.samples.count * m)
-        jacobian = np.empty((self.samples.count * m, self.kernel.values.free))
+        residual = np.zeros(self.samples.count * m)
+        jacobian = np.zeros((self.samples.count * m, self.kernel.values.free))
         for run in (run for share in self._shares for run in share):
             for chunk, (r, j) in zip(run, self._row_blocks(space, run), strict=True):
                 residual[chunk.first * m : chunk.last * m] = r

@@ -66,13 +66,21 @@ class Samples:
         chosen = np.concatenate(picked)
         return Samples(self.data[:, chosen], self.targets[:, chosen], tuple(pieces))
 
+    def _last_scored(self, piece: Piece) -> int:
+        """One past the last sample of a piece that counts."""
+        wanted = self.targets[piece.scores != 0, piece.first : piece.last]
+        scored = np.flatnonzero(np.isfinite(wanted).any(axis=0))
+        return piece.first + (int(scored[-1]) + 1 if scored.size else 0)
+
     def chunks(self, length: int) -> list[Chunk]:
-        """The pieces cut into chunks of at most `length`."""
-        cuts = [
-            (number, at, min(at + length, piece.last))
-            for number, piece in enumerate(self.pieces)
-            for at in range(piece.first, piece.last, length)
-        ]
+        """The pieces up to their last scored sample, cut into chunks of at most `length`.
+
+        What follows cannot matter, and a model may diverge there.
+        """
+        cuts = []
+        for number, piece in enumerate(self.pieces):
+            last = self._last_scored(piece)
+            cuts += [(number, at, min(at + length, last)) for at in range(piece.first, last, length)]
         return [Chunk(i, number, first, last) for i, (number, first, last) in enumerate(cuts)]
 
 

@@ -1,0 +1,185 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+import kennfeld as kf
+from kennfeld.errors import ArgumentError
+
+X = np.linspace(0.0, 3.0, 31)
+LINE = {"x": X, "y": 2 * X + 1}
+START = {"a": 0.0, "b": 0.0}
+TEXT = "m = a * x + b"
+
+
+def tables():
+    return kf.ParameterSet(
+        [kf.Curve("C", [0, 1, 2, 3], np.zeros(4)), kf.Map("M", [0, 1, 2, 3], [0, 1, 2], np.zeros((4, 3)))]
+    )
+
+
+def rough(**arguments):
+    data = {"x": X, "y": np.sin(3 * X), "z": X % 2}
+    return kf.calibrate("m = C(x) + M(x, z)", data, tables(), target="y", **arguments)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        LINE,
+        pd.DataFrame(LINE),
+        kf.Dataset.of("bench", LINE),
+        [LINE],
+        [kf.Dataset.of("a", LINE), {"x": X[:5], "y": 2 * X[:5] + 1}],
+        {name: list(values) for name, values in LINE.items()},
+    ],
+    ids=["dict", "DataFrame", "Dataset", "list", "mixed list", "lists"],
+)
+def test_data_may_come_in_many_forms(data):
+    result = kf.calibrate(TEXT, data, START, target="y")
+    assert result.parameters["a"].value == pytest.approx(2.0)
+    assert result.parameters["b"].value == pytest.approx(1.0)
+
+
+def test_the_model_may_be_a_model_or_its_text():
+    assert kf.calibrate(kf.formula(TEXT), LINE, START, target="y").parameters["a"].value == pytest.approx(2.0)
+
+
+def test_numbers_and_parameters_mix_in_the_start():
+    start = {"a": kf.Scalar("a", 0.0, upper=1.5), "b": 0.0}
+    assert kf.calibrate(TEXT, LINE, start, target="y").parameters["a"].value == 1.5
+
+
+def test_limits_bound_every_value_of_a_parameter():
+    result = rough(limits={"C": (-0.1, 0.2)})
+    assert np.all((result.parameters["C"].values >= -0.1) & (result.parameters["C"].values <= 0.2))
+
+
+@pytest.mark.parametrize("smoothness", [0.5, {"C": 0.5, "M": 0.5}, {"C": (0.5,), "M": (0.5, 0.5)}])
+def test_smoothness_may_be_given_for_all_by_parameter_or_by_axis(smoothness):
+    assert rough(smoothness=smoothness).cost_after == pytest.approx(rough(smoothness=0.5).cost_after)
+
+
+@pytest.mark.parametrize(
+    "smoothness", [np.float32(0.5), np.float64(0.5), {"C": np.array([0.5]), "M": np.array([0.5, 0.5])}]
+)
+def test_smoothness_may_come_from_numpy(smoothness):
+    assert rough(smoothness=smoothness).cost_after == pytest.approx(rough(smoothness=0.5).cost_after, rel=1e-6)
+
+
+def test_an_axis_may_stay_rough():
+    smooth, half = rough(smoothness={"M": (0.0, 100.0)}), rough(smoothness={"M": (100.0, 0.0)})
+    bent = np.abs(np.diff(half.parameters["M"].values, 2, axis=0)).max()
+    assert bent < np.abs(np.diff(smooth.parameters["M"].values, 2, axis=0)).max()
+
+
+@pytest.mark.parametrize(
+    ("smoothness", "said"),
+    [
+        ({"Cc": 1.0}, "Cc"),
+        ({"M": (1.0,)}, "M"),
+        ({"C": (1.0, 2.0)}, "C"),
+        (-1.0, "-1"),
+        (float("nan"), "nan"),
+        ({"M": (1.0, -2.0)}, "-2"),
+        ({"C": {"x": 1.0}}, "C"),
+    ],
+    ids=["unknown name", "too few", "too many", "negative", "nan", "negative on an axis", "a dict"],
+)
+def test_smoothness_that_means_nothing_is_refused(smoothness, said):
+    with pytest.raises(kf.KennfeldError, match=said):
+        rough(smoothness=smoothness)
+
+
+def test_an_unknown_channel_name_is_refused():
+    with pytest.raises(kf.KennfeldError, match="speed"):
+        kf.calibrate(TEXT, LINE, START, target="y", channels={"speed": "x"})
+
+
+def test_free_may_not_be_a_bare_text():
+    with pytest.raises(kf.KennfeldError, match="free"):
+        kf.calibrate("m = alpha * x", LINE, {"alpha": 0.0}, target="y", free="alpha")
+
+
+def test_every_missing_thing_is_named_at_once():
+    with pytest.raises(kf.InputError) as caught:
+        kf.calibrate("m = C(speed) + load", {"sped": X, "y": X}, tables(), target="yy")
+    text = str(caught.value)
+    assert "no channel speed. Did you mean sped?" in text
+    assert "no channel load" in text
+    assert "yy" in text
+
+
+def test_a_lookup_with_too_many_coordinates_is_named():
+    with pytest.raises(kf.InputError, match="C is given 2 coordinates, but has 1 axes"):
+        kf.calibrate("m = C(x, x)", LINE, tables(), target="y")
+
+
+def test_an_unknown_limit_is_named_with_the_nearest():
+    with pytest.raises(ArgumentError, match=r"Gain is no parameter\. Did you mean gain\?"):
+        kf.calibrate("m = gain * x", LINE, {"gain": 1.0}, target="y", limits={"Gain": (0, 1)})
+
+
+def test_crossed_limits_are_refused():
+    with pytest.raises(ArgumentError, match="above its upper bound"):
+        kf.calibrate(TEXT, LINE, START, target="y", limits={"a": (1, 0)})
+
+
+def test_an_output_must_be_chosen_among_several():
+    with pytest.raises(ArgumentError, match="node="):
+        kf.calibrate("m = a * x\nn = b * x", LINE, START, target="y")
+
+
+def test_a_target_that_no_data_have_is_named():
+    with pytest.raises(kf.InputError, match="Torq is no node"):
+        kf.calibrate(TEXT, LINE, START, target="Torq")
+
+
+def test_a_criterion_without_a_sample_is_refused():
+    with pytest.raises(kf.InputError, match="target"):
+        kf.calibrate(TEXT, {"x": X, "y": np.full(31, np.nan)}, START, target="y")
+
+
+def test_a_criterion_of_several_that_no_sample_reaches_is_refused():
+    data = LINE | {"z": np.full(31, np.nan)}
+    with pytest.raises(kf.InputError, match="z"):
+        kf.calibrate(TEXT, data, START, criteria=[kf.Criterion("m", "y"), kf.Criterion("m", "z")])
+
+
+@pytest.mark.parametrize("data", [{"x": [], "y": []}, {"x": [np.nan], "y": [1.0]}], ids=["empty", "all missing"])
+def test_training_data_without_a_sample_are_refused(data):
+    with pytest.raises(kf.InputError, match="training"):
+        kf.calibrate(TEXT, data, START, target="y")
+
+
+def test_nothing_to_reach_is_refused():
+    with pytest.raises(kf.InputError, match="criteria"):
+        kf.calibrate(TEXT, LINE, START)
+
+
+def test_a_pattern_that_frees_nothing_is_refused():
+    with pytest.raises(kf.InputError, match="free"):
+        kf.calibrate(TEXT, LINE, START, target="y", free=["q*"])
+
+
+@pytest.mark.parametrize(
+    "pin",
+    [kf.Pin("Cc", (0.0,), 1.0), kf.Pin("C", (0.0, 1.0), 1.0), kf.Pin("C", (np.nan,), 1.0), kf.Pin("C", (0.0,), np.nan)],
+)
+def test_a_pin_that_means_nothing_is_refused(pin):
+    with pytest.raises(kf.KennfeldError, match="pin"):
+        rough(pins=[pin])
+
+
+def test_memory_without_time_stamps_says_what_to_do():
+    with pytest.raises(kf.InputError, match="time stamps"):
+        kf.calibrate("m = PT1(x, a) + b", LINE, START, target="y")
+
+
+def test_simulate_gives_the_named_nodes():
+    found = kf.simulate("half = x / 2\nm = half + k", {"x": [2.0, 4.0]}, {"k": 1.0})
+    assert found["half"].values.tolist() == [1.0, 2.0]
+    assert found["m"].values.tolist() == [2.0, 3.0]
+
+
+def test_simulating_nothing_gives_nothing():
+    assert kf.simulate("m = x + k", {"x": []}, {"k": 1.0}).samples == 0

@@ -1,0 +1,104 @@
+"""A chain of lookups with creases, on which the plain descent stops early."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.optimize.continuation import STAGES
+
+TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
+GRID = np.linspace(0, 1, 6)
+DELTA = np.linspace(-3, 3, 13)
+
+
+def chain(opt, eta, size):
+    return kf.ParameterSet([kf.Map("Opt", GRID, GRID, opt), kf.Curve("Eta", DELTA, eta), kf.Map("M", GRID, GRID, size)])
+
+
+def problem(samples=600, seed=0):
+    random = np.random.default_rng(seed)
+    columns = {"u": random.random(samples), "v": random.random(samples), "w": random.uniform(-2, 2, samples)}
+    truth = chain(np.add.outer(GRID, -(GRID**2)), np.cos(DELTA / 2), 50 + 30 * np.multiply.outer(GRID, GRID))
+    y = kf.simulate(TEXT, columns, truth)["m"].values + 0.5 * random.standard_normal(samples)
+    return columns | {"y": y}, chain(np.zeros((6, 6)), np.linspace(1.0, 0.9, 13), np.full((6, 6), 40.0))
+
+
+def calibrated(**arguments):
+    data, start = problem()
+    return kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=1e-3, **arguments)
+
+
+@pytest.fixture(scope="module")
+def both():
+    return calibrated()
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return calibrated(options=kf.Options(continuation="off"))
+
+
+def test_both_ways_are_in_the_trace_and_widths_shrink(both):
+    stages = list(dict.fromkeys(line.stage for line in both.trace))
+    assert stages[0] == "plain"
+    assert stages[-1] == "exact"
+    widths = [float(stage.split()[1]) for stage in stages if stage.startswith("smooth")]
+    assert widths == sorted(widths, reverse=True)
+    assert set(widths) <= set(STAGES)
+
+
+def test_the_lower_cost_wins(both):
+    ends = {line.stage: line.cost for line in both.trace}
+    assert both.cost_after == min(ends["plain"], ends["exact"])
+
+
+def test_switched_off_only_the_plain_descent_runs(plain):
+    assert {line.stage for line in plain.trace} == {"plain"}
+
+
+def test_creases_are_overcome_that_stop_the_plain_descent(both, plain):
+    assert both.cost_after < 0.97 * plain.cost_after
+
+
+def test_the_cost_told_is_that_of_the_exact_function(both):
+    squares = both.quality[0].samples * both.quality[0].rmse_after ** 2
+    assert squares <= both.cost_after <= 1.2 * squares
+
+
+def test_a_function_without_creases_to_smooth_has_one_descent():
+    result = kf.calibrate(
+        "m = C(x)", {"x": [0.0, 1, 2], "y": [1.0, 2, 1]}, kf.ParameterSet([kf.Curve("C", [0, 1, 2], np.zeros(3))]), "y"
+    )
+    assert {line.stage for line in result.trace} == {"plain"}
+
+
+@pytest.mark.parametrize("stage", ["smooth 4", "smooth 0.25", "exact"])
+def test_a_stop_on_the_way_keeps_the_better_values(stage):
+    def stop(line):
+        if line.stage == stage:
+            raise kf.Stop
+
+    result = calibrated(progress=stop)
+    assert result.status == "stopped"
+    known = [line.cost for line in result.trace if line.stage in ("plain", "exact")]
+    assert result.cost_after <= min(known)
+    data, _ = problem()
+    again = kf.calibrate(
+        TEXT,
+        data,
+        result.parameters,
+        target="y",
+        node="m",
+        smoothness=1e-3,
+        options=kf.Options(max_iterations=0, continuation="off"),
+    )
+    assert again.cost_after == pytest.approx(result.cost_after, rel=1e-12)
+
+
+def test_bounds_hold_at_the_end_of_the_continuation():
+    data, start = problem()
+    held = start.with_parameters(start["Opt"].with_bounds(-0.2, 0.25), start["Eta"].with_bounds(0.3, 1.0))
+    result = kf.calibrate(TEXT, data, held, target="y", node="m", pins=[kf.Pin("Eta", (0.1,), 0.95)])
+    assert np.all((result.parameters["Opt"].values >= -0.2) & (result.parameters["Opt"].values <= 0.25))
+    assert np.all(result.parameters["Eta"].values <= 1.0)
+    assert np.interp(0.1, DELTA, result.parameters["Eta"].values) == pytest.approx(0.95, rel=1e-9)

@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.graph.interpreter import Interpreter
+from kennfeld.graph.lowering import lower
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.problem import Compiled, Problem, difference
+
+GRID = np.linspace(-2, 2, 6)
+TEXT = """
+base = M(u, v)
+m = base * C(w + K) + exp(sin(u)) * K
+lag = PT1(m, 0.3)
+"""
+
+
+def parameters(seed=0):
+    random = np.random.default_rng(seed)
+    return kf.ParameterSet(
+        [
+            kf.Map("M", GRID, GRID[:4], random.standard_normal((6, 4))),
+            kf.Curve("C", GRID, random.standard_normal(6)),
+            kf.Scalar("K", 0.3),
+        ]
+    )
+
+
+def columns(samples, seed=1):
+    random = np.random.default_rng(seed)
+    found = {name: random.uniform(-2.5, 2.5, samples) for name in ("u", "v", "w", "y")}
+    found["y"][::11] = np.nan
+    return found
+
+
+def problem(*datasets, text=TEXT, node="m", **arguments):
+    model = kf.formula(text, parameters=list(parameters()))
+    return Problem(model, datasets, parameters(), (kf.Criterion(node, "y"),), **arguments)
+
+
+def reference(made):
+    """The cost by the interpreter, dataset by dataset, in the order of the samples."""
+    low = lower(made.graph, made.parameters)
+    total = 0.0
+    for bound in made.training:
+        run = Interpreter(low, made.parameters).run(low.graph.nodes, low.graph.states, bound.columns, bound.starts)
+        for i, criterion in enumerate(made.criteria):
+            error = run[low.graph.names[difference(i)]] - made.target(criterion, bound)
+            total += criterion.weight * bound.dataset.weight * np.nansum(error**2)
+    return total
+
+
+def cost(made):
+    compiled = Compiled(made)
+    return SumOfSquares(compiled).cost(compiled.start[: compiled.values.free])
+
+
+@pytest.mark.parametrize("free", [("*",), ("K",), ("C", "K"), ("M",)])
+def test_sorting_and_cutting_off_what_data_decide_leave_the_cost_as_it_is(free):
+    made = problem(kf.Dataset.of("d", columns(3000)), free=free)
+    assert cost(made) == pytest.approx(reference(made), rel=1e-12)
+
+
+def test_several_datasets_add_up_with_their_weights():
+    data = [kf.Dataset.of(f"d{i}", columns(100 + 50 * i, i), weight=0.5 + i) for i in range(3)]
+    together = problem(*data)
+    assert cost(together) == pytest.approx(sum(cost(problem(one)) for one in data), rel=1e-12)
+    assert cost(together) == pytest.approx(reference(together), rel=1e-12)
+
+
+@pytest.mark.parametrize("uneven", [False, True], ids=["even steps", "uneven steps"])
+def test_datasets_with_memory_in_several_pieces_cost_what_the_interpreter_says(uneven):
+    random = np.random.default_rng(5)
+    data = []
+    for i in range(2):
+        found = columns(200, i)
+        found["u"][[20, 21, 90]] = np.nan
+        steps = random.uniform(0.05, 0.2, 200) if uneven else np.full(200, 0.1)
+        data.append(kf.Dataset.of(f"d{i}", found, time=np.cumsum(steps), starts=[0, 55], weight=1.0 + i, max_gap=0.25))
+    made = problem(*data, node="lag")
+    assert cost(made) == pytest.approx(reference(made), rel=1e-11)
+
+
+def test_an_even_step_is_folded_into_the_function():
+    def reads_the_step(time):
+        found = Compiled(problem(kf.Dataset.of("d", columns(50), time=time), node="lag")).kernel.layout.inputs
+        return "dt" in found or any(name.startswith("#") and "dt" in name for name in found)
+
+    assert not reads_the_step(0.1 * np.arange(50))
+    assert reads_the_step(np.cumsum(np.random.default_rng(0).uniform(0.1, 0.2, 50)))
+
+
+def test_samples_that_are_not_scored_do_not_count():
+    found = columns(60)
+    scored = np.arange(60) % 3 > 0
+    masked = kf.Dataset.of("d", found, scored=scored)
+    kept = kf.Dataset.of("d", {name: values[scored] for name, values in found.items()})
+    assert cost(problem(masked)) == pytest.approx(cost(problem(kept)), rel=1e-12)
+
+
+def test_samples_that_are_not_scored_still_drive_memory():
+    found, time = columns(60), 0.1 * np.arange(60)
+    masked = problem(kf.Dataset.of("d", found, time=time, scored=np.arange(60) > 30), node="lag")
+    assert cost(masked) == pytest.approx(reference(masked), rel=1e-12)
+
+
+def test_test_data_are_no_training_data():
+    training, test = kf.Dataset.of("a", columns(30)), kf.Dataset.of("b", columns(40, 2), use="test")
+    assert [bound.dataset.name for bound in problem(training, test).training] == ["a"]
+
+
+def test_a_position_that_is_undefined_at_some_samples_is_no_warning():
+    found = columns(200)
+    made = problem(kf.Dataset.of("d", found), text="m = if(u > 0, C(log(u)) + K, K)")
+    assert np.isfinite(cost(made))
+
+
+def test_thinned_data_weigh_as_much_as_all_data():
+    made = problem(kf.Dataset.of("d", columns(60_000)))
+    exact = Compiled(made)
+    smooth = Compiled(made, smooth_like=exact)
+    smooth.set_width(1e-6)
+    assert smooth.samples.count < exact.samples.count
+    at = exact.start[: exact.values.free]
+    assert SumOfSquares(smooth).cost(at) == pytest.approx(SumOfSquares(exact).cost(at), rel=0.1)
+
+
+def test_gradient_and_matrix_of_both_paths_agree():
+    made = problem(kf.Dataset.of("d", columns(500)), smoothness={"M": (0.3, 0.1), "C": 2.0})
+    compiled = Compiled(made)
+    objective, at = SumOfSquares(compiled), compiled.start[: compiled.values.free]
+    residual, jacobian = objective.rows(at)
+    gradient, matrix = (found.copy() for found in objective.normal(at))
+    assert residual @ residual == pytest.approx(objective.cost(at), rel=1e-12)
+    np.testing.assert_allclose(jacobian.T @ residual, gradient, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(jacobian.T @ jacobian, matrix, rtol=1e-9, atol=1e-9)

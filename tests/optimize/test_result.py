@@ -1,0 +1,73 @@
+import json
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+
+@pytest.fixture(scope="module")
+def result():
+    data = {"x": [0.0, 1.0, 2.0], "y": [1.0, 3.0, 5.0]}
+    return kf.calibrate(
+        "m = a + b * x", data, {"a": 0.0, "b": 0.0, "c": 9.0}, target="y", test={"x": [1.0], "y": [3.0]}
+    )
+
+
+def test_the_keys_of_its_json_are_those_of_the_design(result):
+    found = result.as_json()
+    assert list(found) == ["status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"]
+    assert list(found["cost"]) == ["before", "after"]
+    assert list(found["seconds"]) == ["total", "read", "compile", "optimize"]
+    assert found["values"] == {"free": 2, "fixed": 1}
+    assert [list(row) for row in found["quality"]] == 2 * [
+        ["criterion", "dataset", "use", "samples", "rmse_before", "rmse_after", "r2_after", "max_abs_after"]
+    ]
+
+
+def test_its_json_is_strict(result):
+    text = json.dumps(result.as_json(), allow_nan=False)
+    assert json.loads(text)["status"] == "converged"
+
+
+def test_numbers_that_are_not_finite_become_null(result):
+    assert np.isnan(result.quality[1].r2_after)
+    assert result.as_json()["quality"][1]["r2_after"] is None
+
+
+def test_its_text_has_the_message_and_a_line_a_dataset(result):
+    head, titles, training, test = str(result).splitlines()
+    assert head.startswith("converged: ")
+    assert titles.split()[:4] == ["criterion", "dataset", "use", "samples"]
+    assert "training" in training
+    assert "test" in test
+
+
+def test_a_notebook_shows_a_table(result):
+    shown = result._repr_html_()
+    assert shown.count("<tr>") == 3
+    assert "<b>converged</b>" in shown
+
+
+def test_names_are_escaped_in_a_notebook():
+    data = kf.Dataset.of("<b>bench</b>", {"x": [1.0], "y": [2.0]})
+    assert "<b>bench" not in kf.calibrate("m = a * x", data, {"a": 0.0}, target="y")._repr_html_()
+
+
+def test_costs_include_roughness_and_before_is_at_the_start_as_given():
+    start = kf.ParameterSet([kf.Curve("C", [0, 1, 2], [0.0, 5.0, 0.0], upper=1.0)])
+    data = {"x": [0.0, 1.0, 2.0], "y": [0.0, 0.0, 0.0]}
+    found = kf.calibrate("m = C(x)", data, start, target="y", smoothness=3.0)
+    assert found.cost_before == pytest.approx(25 + 3 * (10**2) / 3)
+    assert found.start == start
+
+
+def test_seconds_are_parts_of_the_whole(result):
+    seconds = result.seconds
+    assert 0 <= seconds.compile <= seconds.total
+    assert 0 <= seconds.optimize <= seconds.total
+
+
+def test_converged_says_so(result):
+    assert result.converged
+    assert result.trace[-1].cost == result.cost_after

@@ -1,0 +1,108 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from kennfeld.optimize.roughness import Roughness, second_differences
+from kennfeld.parameters import Cube, Curve, Map, ParameterSet, Scalar
+
+UNEVEN = np.array([0.0, 1.0, 1.5, 4.0, 9.0])
+
+
+@dataclass(frozen=True)
+class Packed:
+    """Where the values of each parameter start, the free ones first."""
+
+    offsets: dict[str, int]
+    free: int
+
+
+def roughness(table, *factors):
+    """The penalty of a single free table."""
+    parameters = ParameterSet([table])
+    made = Roughness.of(parameters, Packed({table.name: 0}, table.size), {table.name: factors})
+    return made, made.cost(table.values.ravel())
+
+
+def by_definition(table, axis):
+    """R of one axis, line by line, point by point, as DESIGN.md writes it."""
+    x = table.axes[axis].breakpoints
+    x = x / ((x[-1] - x[0]) / (x.size - 1))
+    total = 0.0
+    for z in np.moveaxis(table.values, axis, -1).reshape(-1, x.size):
+        for i in range(x.size - 2):
+            right = (z[i + 2] - z[i + 1]) / (x[i + 2] - x[i + 1])
+            left = (z[i + 1] - z[i]) / (x[i + 1] - x[i])
+            total += (2 * (right - left) / (x[i + 2] - x[i])) ** 2
+    return total / x.size
+
+
+def table_of(axes, seed=0):
+    shape = tuple(len(a) for a in axes)
+    values = np.random.default_rng(seed).standard_normal(shape)
+    if len(axes) == 1:
+        return Curve("T", *axes, values)
+    return Map("T", *axes, values) if len(axes) == 2 else Cube("T", axes, values)
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [[UNEVEN], [UNEVEN, 100 * UNEVEN[:4]], [UNEVEN, [3.0, 5.0], [1.0, 2.0, 2.5]], [[0.0, 1, 5], [0.0, 2, 3], UNEVEN]],
+    ids=["curve", "map", "cube with a short axis", "cube"],
+)
+def test_the_penalty_is_the_mean_square_of_second_differences_along_each_axis(axes):
+    table = table_of(axes)
+    factors = [0.5 + i for i in range(len(axes))]
+    expected = sum(s * by_definition(table, i) for i, s in enumerate(factors))
+    assert roughness(table, *factors)[1] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_factor_of_zero_leaves_an_axis_out():
+    table = table_of([UNEVEN, UNEVEN])
+    assert roughness(table, 0.0, 2.0)[1] == pytest.approx(2 * by_definition(table, 1), rel=1e-12)
+
+
+def test_a_plane_is_not_rough():
+    x, y = UNEVEN, np.array([700.0, 1000.0, 4000.0])
+    assert roughness(Map("T", x, y, 3 + 2 * x[:, None] - 0.01 * y), 1.0, 1.0)[1] == pytest.approx(0, abs=1e-20)
+
+
+def test_the_unit_of_an_axis_does_not_matter():
+    values = [1.0, -2.0, 0.5, 4.0, 1.0]
+    fraction, rpm = (roughness(Curve("T", scale * UNEVEN, values), 1.0)[1] for scale in (0.01, 6000.0))
+    assert fraction == pytest.approx(rpm, rel=1e-12)
+
+
+def test_on_an_even_axis_the_second_difference_is_the_plain_one():
+    assert second_differences(np.array([10.0, 12.0, 14.0, 16.0])).tolist() == [[1, -2, 1, 0], [0, 1, -2, 1]]
+
+
+def test_half_the_spacing_makes_the_penalty_about_fifteen_times_smaller():
+    coarse, fine = (Curve("T", x, np.sin(3 * x)) for x in (np.linspace(0, 1, 41), np.linspace(0, 1, 81)))
+    assert roughness(coarse, 1.0)[1] / roughness(fine, 1.0)[1] == pytest.approx(15.5, abs=1.0)
+
+
+@pytest.mark.parametrize("points", [1, 2])
+def test_an_axis_of_two_points_cannot_be_rough(points):
+    table = Curve("T", np.arange(points), np.arange(points) ** 2)
+    assert roughness(table, 5.0)[1] == 0.0
+
+
+def test_gradient_matrix_and_rows_belong_to_the_same_penalty():
+    table = table_of([UNEVEN, [0.0, 1.0, 5.0, 6.0]])
+    made, cost = roughness(table, 0.3, 2.0)
+    z = table.values.ravel()
+    gradient, matrix = np.zeros(z.size), np.zeros((z.size, z.size))
+    made.add(z, gradient, matrix)
+    residual, jacobian = made.rows(z)
+    assert residual @ residual == pytest.approx(cost, rel=1e-12)
+    np.testing.assert_allclose(jacobian.T @ residual, gradient, atol=1e-12)
+    np.testing.assert_allclose(jacobian.T @ jacobian, matrix, atol=1e-12)
+    assert z @ gradient == pytest.approx(cost, rel=1e-12)
+
+
+def test_parameters_that_are_not_free_have_no_penalty():
+    table = table_of([UNEVEN])
+    held = Roughness.of(ParameterSet([Scalar("K", 1.0), table]), Packed({"K": 0, "T": 1}, 1), {"T": (1.0,)})
+    assert held.cost(np.ones(1)) == 0.0
+    assert held.rows(np.ones(1))[1].shape == (0, 1)

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+TRAINING = {"x": [0.0, 1.0, 2.0, 3.0], "y": [0.0, 2.5, 3.5, 6.0]}
+TEST = {"x": [1.0, 2.0, np.nan, 4.0], "y": [2.0, np.nan, 6.0, 9.0]}
+
+
+def scored(test=TEST, **arguments):
+    return kf.calibrate("m = k * x", TRAINING, {"k": 1.0}, target="y", test=test, **arguments)
+
+
+def test_scores_are_rmse_r2_and_the_largest_error_in_the_unit_of_the_target():
+    row = scored().quality[0]
+    x, y = np.array(TRAINING["x"]), np.array(TRAINING["y"])
+    error = (x @ y) / (x @ x) * x - y
+    assert (row.criterion, row.use, row.samples) == ("m", "training", 4)
+    assert row.rmse_before == pytest.approx(np.sqrt(np.mean((x - y) ** 2)))
+    assert row.rmse_after == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert row.r2_after == pytest.approx(1 - np.sum(error**2) / np.sum((y - y.mean()) ** 2))
+    assert row.max_abs_after == pytest.approx(np.abs(error).max())
+
+
+def test_test_data_are_scored_and_never_fitted():
+    with_test, without = scored(), scored(test=())
+    assert with_test.parameters == without.parameters
+    assert with_test.cost_after == without.cost_after
+    row = with_test.quality[1]
+    error = with_test.parameters["k"].value * np.array([1.0, 4.0]) - [2.0, 9.0]
+    assert (row.use, row.samples) == ("test", 2)
+    assert row.rmse_after == pytest.approx(np.sqrt(np.mean(error**2)))
+
+
+def test_test_data_without_the_target_have_no_scores():
+    row = scored({"x": [1.0, 2.0]}).quality[1]
+    assert row.samples == 0
+    assert np.isnan(row.rmse_after)
+
+
+@pytest.mark.parametrize("test", [{"x": [], "y": []}, {"x": [np.nan], "y": [1.0]}], ids=["empty", "all missing"])
+def test_test_data_of_which_nothing_is_left_have_no_scores(test):
+    row = scored(test).quality[1]
+    assert row.samples == 0
+    assert np.isnan(row.max_abs_after)
+
+
+def test_a_constant_target_has_no_r2():
+    assert np.isnan(scored({"x": [1.0, 2.0], "y": [3.0, 3.0]}).quality[1].r2_after)
+
+
+def test_scores_do_not_know_weight_scale_and_loss():
+    plain = scored(options=kf.Options(max_iterations=0)).quality
+    criterion = kf.Criterion("m", "y", weight=7.0, loss="huber", delta=0.1, scale=3.0)
+    other = kf.calibrate(
+        "m = k * x", TRAINING, {"k": 1.0}, criteria=[criterion], test=TEST, options=kf.Options(max_iterations=0)
+    ).quality
+    assert plain == other
+
+
+def test_errors_beyond_every_number_are_no_warning():
+    data = {"x": [1.0, 2.0], "y": [1e200, 2e200]}
+    assert kf.calibrate("m = k * x", data, {"k": 1.0}, target="y").quality[0].samples == 2
+
+
+def test_a_model_that_fails_at_test_samples_has_no_finite_score():
+    result = kf.calibrate(
+        "m = k * log(x)", {"x": [1.0, 2.0], "y": [0.0, 1.0]}, {"k": 0.0}, "y", test={"x": [-1.0], "y": [1.0]}
+    )
+    assert result.status == "converged"
+    assert result.as_json()["quality"][1]["rmse_after"] is None

@@ -1,0 +1,107 @@
+"""Steady points of a real engine: the errors on held-out points that others reach, or better."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+FILE = Path(__file__).resolve().parents[2] / "shared" / "data" / "engine_steady" / "engine1_normalized.xlsx"
+TEMPERATURE, AXES = "temperature_exhaust_manifold", ("engine_speed", "engine_load")
+SMOOTHNESS = (0.3, 1.0, 3.0, 10.0)
+
+pytestmark = pytest.mark.skipif(not FILE.is_file(), reason=f"the measurement of the engine is not at {FILE}")
+
+
+@cache
+def engine():
+    return kf.read(f"{FILE}#data")
+
+
+def split(seed):
+    """The samples to fit and the fifth that is held out."""
+    order = np.random.default_rng(seed).permutation(engine().samples)
+    return np.split(order, [int(0.8 * order.size)])
+
+
+def flat(name, samples, count, value):
+    """A map of one value over the range of the samples."""
+    axes = [np.linspace(engine()[a].values[samples].min(), engine()[a].values[samples].max(), count) for a in AXES]
+    return kf.Map(name, *axes, np.full((count, count), value))
+
+
+def held_out(text, target, start, fitted, held, smoothness, **options):
+    """The result, and the RMSE at the held-out samples."""
+    result = kf.calibrate(
+        text,
+        engine().select(fitted),
+        start,
+        target=target,
+        test=engine().select(held),
+        smoothness=smoothness,
+        options=kf.Options(**options),
+    )
+    return result, result.quality[1].rmse_after
+
+
+def error_of_a_map(target, fitted, held, smoothness, count=12):
+    start = kf.ParameterSet([flat("M", fitted, count, engine()[target].values[fitted].mean())])
+    return held_out("y = M(engine_speed, engine_load)", target, start, fitted, held, smoothness)[1]
+
+
+def chosen_smoothness(fitted_samples):
+    """The factor of the least error in a threefold cross-validation within the samples to fit, over all of them."""
+    errors = dict.fromkeys(SMOOTHNESS, 0.0)
+    for fitted in fitted_samples:
+        for fold in np.array_split(fitted, 3):
+            rest = np.setdiff1d(fitted, fold)
+            for smoothness in SMOOTHNESS:
+                errors[smoothness] += error_of_a_map(TEMPERATURE, rest, fold, smoothness) ** 2
+    return min(errors, key=errors.get)
+
+
+def test_the_exhaust_temperature_of_held_out_points_is_met_by_a_map():
+    splits = [split(seed) for seed in range(20)]
+    smoothness = chosen_smoothness([fitted for fitted, _ in splits[:4]])
+    errors = [error_of_a_map(TEMPERATURE, fitted, held, smoothness) for fitted, held in splits]
+    assert np.mean(errors) <= 0.098
+
+
+CHAIN = """
+base = Base(engine_speed, engine_load)
+delta = intake_valve_opening - Best(engine_speed, engine_load)
+effect = Effect(delta)
+y = base * effect - Loss(engine_speed, engine_load)
+"""
+
+
+def chain(fitted, target):
+    delta = np.linspace(-4, 4, 9)
+    mean = engine()[target].values[fitted].mean()
+    return kf.ParameterSet(
+        [
+            flat("Base", fitted, 8, 1.0),
+            flat("Best", fitted, 8, 0.0),
+            kf.Curve("Effect", delta, 1 - 0.05 * delta**2),
+            flat("Loss", fitted, 8, 1.0 - mean),
+        ]
+    )
+
+
+def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_than_a_map():
+    errors = []
+    for fitted, held in map(split, range(3)):
+        result, error = held_out(CHAIN, "NOx", chain(fitted, "NOx"), fitted, held, 0.3)
+        assert result.status == "converged"
+        errors.append((error, min(error_of_a_map("NOx", fitted, held, smoothness, 8) for smoothness in SMOOTHNESS)))
+    mean, mean_of_the_best_maps = np.mean(errors, axis=0)
+    assert mean < 0.9 * mean_of_the_best_maps
+
+
+def test_the_continuation_ends_below_the_plain_descent():
+    fitted, held = split(0)
+    result, _ = held_out(CHAIN, TEMPERATURE, chain(fitted, TEMPERATURE), fitted, held, 0.3)
+    ends = {line.stage: line.cost for line in result.trace}
+    assert result.cost_after == ends["exact"] < 0.95 * ends["plain"]
