@@ -345,3 +345,11 @@ def test_a_weight_does_not_enter_the_rmse_of_the_trace():
     data = {"x": [1.0, 2.0], "y": [3.0, 3.0]}
     result = kf.calibrate("m = k * x", data, {"k": 0.0}, criteria=[kf.Criterion("m", "y", weight=100.0)])
     assert result.trace[-1].rmse == pytest.approx(result.quality[0].rmse_after)
+
+
+def test_values_said_to_keep_their_start_do():
+    start = kf.ParameterSet([kf.Scalar("k", 9.0), kf.Curve("C", [0, 1, 2, 3], [0.0, 1.0, 2.0, 3.0])])
+    x = np.linspace(0, 1, 200)
+    result = kf.calibrate("m = C(k * x)", {"x": x, "y": 0.2 * x}, start, target="y")
+    unseen = ~result.trust["C"]
+    assert result.parameters["C"].values[unseen].tolist() == start["C"].values[unseen].tolist()

@@ -157,18 +157,22 @@ class Accumulator:
         space.q[:], space.l[:] = 0.0, 0.0
         for chunk in reversed(run):
             kept.append((space.q.copy(), space.l.copy()))
-            self._resume(space, chunk)
-            space.tape(chunk)
+            self._linearise(space, chunk, run)
             space.backward(chunk)
         self._resume(space, run[0])
         space.begin_sensitivities(run[0].first, add_start=True)
         for chunk, (q, l) in zip(run, reversed(kept), strict=True):  # noqa: E741
             if len(run) > 1:
                 space.q[:], space.l[:] = q, l
-                self._resume(space, chunk)
-                space.tape(chunk)
+                self._linearise(space, chunk, run)
                 space.backward(chunk)
             space.forward(chunk)
+
+    def _linearise(self, space: Workspace, chunk: Chunk, run: Run) -> None:
+        self._resume(space, chunk)
+        space.tape(chunk)
+        if chunk is run[-1]:
+            space.forget_next(chunk.length - 1)
 
     def _row_blocks(self, space: Workspace, run: Run) -> Iterator[tuple[Float, Float]]:
         space.begin_sensitivities(run[0].first, add_start=False)

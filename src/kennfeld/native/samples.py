@@ -89,4 +89,4 @@ def shares(work: Sequence[int], count: int) -> list[range]:
     total = np.cumsum([0, *work])
     edges = np.searchsorted(total, np.linspace(0, total[-1], count + 1)[1:-1])
     cuts = sorted({0, *(int(e) for e in edges), len(work)})
-    return [range(a, b) for a, b in pairwise(cuts)]
+    return [range(a, b) for a, b in pairwise(cuts)] or [range(0)]
