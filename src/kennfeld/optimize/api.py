@@ -16,7 +16,7 @@ from kennfeld.optimize.calibration import Options, Progress, run
 from kennfeld.optimize.criterion import Criterion, Pin
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.result import Result
-from kennfeld.optimize.scoring import simulated
+from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
 __all__ = ["calibrate", "resolved", "simulate"]
@@ -93,7 +93,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     findings = missing(ready.graph, [dataset], values, channels or {})
     if findings:
         raise InputError(findings)
-    return simulated(ready.graph, bind(dataset, ready.graph, channels or {}), values)
+    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}), values)
 
 
 def resolved(model: Model, parameters: ParameterSet) -> Model:

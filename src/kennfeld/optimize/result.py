@@ -99,8 +99,8 @@ class Result:
         rows = [
             (
                 *(q.criterion, q.dataset, q.use, str(q.samples)),
-                *(f"{x:.4g}" for x in (q.rmse_before, q.rmse_after)),
-                *(f"{q.r2_after:.4f}", f"{q.max_abs_after:.4g}"),
+                *(_four_digits(x) for x in (q.rmse_before, q.rmse_after)),
+                *(f"{q.r2_after:.4f}", _four_digits(q.max_abs_after)),
             )
             for q in self.quality
         ]
@@ -135,6 +135,10 @@ class Result:
         axes.set(xlabel="iteration", ylabel="cost")
         axes.legend()
         return figure
+
+
+def _four_digits(value: float) -> str:
+    return f"{value:#.4g}".rstrip(".")
 
 
 def _number(value: float) -> float | None:

@@ -14,22 +14,15 @@ from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.result import Quality
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Scorer", "simulated"]
+__all__ = ["Nodes", "Scorer"]
 
 
-def simulated(graph: Graph, bound: Bound, parameters: ParameterSet) -> Dataset:
-    """The named nodes of a graph over the samples of a bound dataset."""
-    names = [name for name in graph.names if not name.startswith("\0")]
-    values = _Nodes(graph, parameters, names).values(bound, parameters)
-    time = None if bound.dataset.time is None else bound.dataset.time[bound.kept]
-    channels = tuple(Channel(n, v, graph.units.get(n, "")) for n, v in zip(names, values, strict=True))
-    return Dataset(bound.dataset.name, channels, time, bound.starts if bound.count else np.zeros(1, dtype=np.int64))
+class Nodes:
+    """Named nodes of a graph, compiled; all that are visible unless `names` says which."""
 
-
-class _Nodes:
-    """Compiled named nodes of a graph."""
-
-    def __init__(self, graph: Graph, parameters: ParameterSet, names: Sequence[str]) -> None:
+    def __init__(self, graph: Graph, parameters: ParameterSet, names: Sequence[str] | None = None) -> None:
+        names = list(graph.names) if names is None else names
+        self._names, self._units = names, graph.units
         lowered = lower(graph, parameters)
         self._simulator = Simulator(lowered, [lowered.graph.names[name] for name in names], parameters)
 
@@ -39,6 +32,14 @@ class _Nodes:
         data = np.array(rows).reshape(len(rows), bound.count)
         return self._simulator.run(parameters, data, bound.starts.tolist())
 
+    def dataset(self, bound: Bound, parameters: ParameterSet) -> Dataset:
+        """The nodes as channels, over the samples of a bound dataset."""
+        values = self.values(bound, parameters)
+        channels = tuple(Channel(n, v, self._units.get(n, "")) for n, v in zip(self._names, values, strict=True))
+        time = None if bound.dataset.time is None else bound.dataset.time[bound.kept]
+        starts = bound.starts if bound.count else np.zeros(1, dtype=np.int64)
+        return Dataset(bound.dataset.name, channels, time, starts)
+
 
 class Scorer:
     """Scores parameter sets on all datasets of a problem, training and test."""
@@ -46,7 +47,7 @@ class Scorer:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._names = [difference(i) for i in range(len(problem.criteria))]
-        self._nodes = _Nodes(problem.graph, problem.parameters, self._names)
+        self._nodes = Nodes(problem.graph, problem.parameters, self._names)
         self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
     def errors(self, parameters: ParameterSet) -> list[Float]:

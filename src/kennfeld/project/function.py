@@ -90,7 +90,7 @@ def _is_readable(file: ProjectFile, findings: list[Finding]) -> bool:
         what = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
         findings.append(Finding(place, what, "Formula text (.kf) can be read."))
     elif not path.is_file():
-        beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
         what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
         findings.append(Finding(place, what, nearest(path.name, beside) or "Check the path."))
     elif kind != ".kf":

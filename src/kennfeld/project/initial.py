@@ -43,7 +43,7 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
 
 def _missing(file: ProjectFile, name: str) -> Finding:
     path = file.folder / name
-    beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+    beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
     what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
     return Finding(file.place("[calibration] initial"), what, nearest(path.name, beside) or "Check the path.")
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize import Problem
-from kennfeld.optimize.scoring import simulated
+from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.initial import described
 
@@ -15,12 +15,13 @@ __all__ = ["simulations"]
 def simulations(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
     """The named nodes and the target channels over every dataset; a target called like a node gets a suffix."""
     values = problem.parameters if parameters is None else _replaced(problem, parameters)
-    return [_one(problem, data, values) for data in problem.datasets]
+    compiled = Nodes(problem.model.graph, values)
+    return [_one(problem, data, values, compiled) for data in problem.datasets]
 
 
-def _one(problem: Problem, data: Dataset, values: ParameterSet) -> Dataset:
+def _one(problem: Problem, data: Dataset, values: ParameterSet, compiled: Nodes) -> Dataset:
     bound = problem.bind(data)
-    nodes = simulated(problem.model.graph, bound, values)
+    nodes = compiled.dataset(bound, values)
     names = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
     targets = [
         Channel(f"{name} (target)" if name in nodes else name, bound.channel(name), data[name].unit)
