@@ -53,15 +53,19 @@ class Samples:
         return int(self.targets.shape[1])
 
     def thinned(self, most: int) -> "Samples":
-        """Evenly picked samples of each piece, about `most` in all; pieces must be without memory."""
+        """Evenly picked samples of each piece, about `most` in all, weighing as much as all of them.
+
+        Pieces must be without memory.
+        """
         if self.count <= most:
             return self
         share = most / self.count
         picked, pieces, at = [], [], 0
         for piece in self.pieces:
-            count = max(1, round((piece.last - piece.first) * share))
+            length = piece.last - piece.first
+            count = max(1, round(length * share))
             picked.append(np.linspace(piece.first, piece.last - 1, count).astype(np.int64))
-            pieces.append(Piece(at, at + count, piece.scores))
+            pieces.append(Piece(at, at + count, piece.scores * (length / count)))
             at += count
         chosen = np.concatenate(picked)
         return Samples(self.data[:, chosen], self.targets[:, chosen], tuple(pieces))

@@ -53,6 +53,8 @@ class Simulator:
         out = np.empty((len(self._roots), count))
         values, widths = self._values.pack(parameters), np.zeros(max(len(self._layout.axes), 1))
         memory, hints = np.zeros(self._layout.memory), np.zeros(max(self._layout.hints, 1), dtype=np.int64)
+        if count == 0:
+            return out
         room = np.zeros(8)
         arrays = (values, self._axes, widths, memory, hints)
         model = (data.ctypes.data, count, *(array.ctypes.data for array in arrays))

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from kennfeld.arrays import ArrayLike
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
@@ -73,7 +75,9 @@ def calibrate(
     training, scored = _datasets(data, "training"), _datasets(test, "test")
     if target is not None:
         criteria = (Criterion(_output(ready, node), target), *criteria)
-    tables = dict.fromkeys(parameters, smoothness) if isinstance(smoothness, int | float) else smoothness
+    if isinstance(free, str):
+        raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
+    tables = _factors(smoothness, parameters)
     problem = Problem(
         ready, (*training, *scored), parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}
     )
@@ -125,6 +129,27 @@ def _bounded(parameters: ParameterSet, limits: Mapping[str, tuple[float, float]]
     return parameters.with_parameters(*(parameters[name].with_bounds(*pair) for name, pair in limits.items()))
 
 
+def _factors(given: float | Smoothness, parameters: ParameterSet) -> dict[str, tuple[float, ...]]:
+    """Smoothness factors of each axis of each table, checked."""
+    by_name = given if isinstance(given, Mapping) else dict.fromkeys(parameters, given)
+    factors = {}
+    for name, value in by_name.items():
+        if name not in parameters:
+            raise ArgumentError(f"smoothness: {name} is no parameter. {nearest(name, parameters)}".strip())
+        axes = len(parameters[name].axes)
+        try:
+            array = np.asarray(value, dtype=np.float64)
+            array = np.broadcast_to(array, (axes,)) if array.ndim == 0 else array
+        except TypeError:
+            raise ArgumentError(f"smoothness={value!r} of {name} must be a number, or one for each axis") from None
+        if array.shape != (axes,) or not np.all((array >= 0) & np.isfinite(array)):
+            raise ArgumentError(
+                f"smoothness={value!r} of {name} must be a number from 0 on, or one for each of its {axes} axes"
+            )
+        factors[name] = tuple(float(factor) for factor in array)
+    return factors
+
+
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
     from dataclasses import replace
 
@@ -147,13 +172,20 @@ def _output(model: Model, node: str | None) -> str:
 
 def _check(problem: Problem) -> None:
     findings = missing(problem.model.graph, problem.datasets, problem.parameters, problem.channels)
+    for name in problem.channels:
+        if name not in problem.model.graph.inputs:
+            mend = nearest(name, problem.model.graph.inputs)
+            findings.append(Finding("channels", f"{name} is no input of the function", mend))
+    for pin in problem.pins:
+        if not np.all(np.isfinite((*pin.at, pin.value))):
+            findings.append(Finding(f"pin of {pin.parameter}", f"{pin.value} at {list(pin.at)} is not finite"))
+    names = problem.model.graph.names
+    channels = {channel for data in problem.datasets for channel in data}
     for criterion in problem.criteria:
-        names = problem.model.graph.names
-        for name in [criterion.node, *([problem.target_node(criterion)] if problem.target_node(criterion) else [])]:
-            if name not in names:
-                channels = {c for data in problem.datasets for c in data}
-                mend = nearest(str(name), [*names, *channels])
-                findings.append(Finding("criterion", f"{name} is no node of the function and no channel", mend))
+        for node in (criterion.node, problem.target_node(criterion)):
+            if node is not None and node not in names:
+                mend = nearest(node, [*names, *channels])
+                findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
     if findings:
         raise InputError(findings)
 

@@ -120,7 +120,9 @@ def _clock(time: Float, starts: Int) -> dict[str, Float]:
     if not time.size:
         return {"dt": time, "t": time}
     dt = np.diff(time, prepend=time[0])
-    alone = float(np.median(dt[1:])) if time.size > 1 else 1.0
+    within = np.ones(time.size, dtype=bool)
+    within[starts] = False
+    alone = float(np.median(dt[within])) if within.any() else 1.0
     ends = np.append(starts[1:], time.size)
     dt[starts] = np.where(ends - starts > 1, dt[np.minimum(starts + 1, time.size - 1)], alone)
     since = time - np.repeat(time[starts], ends - starts)

@@ -63,7 +63,7 @@ class _Run:
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
-        self.scored = max(int(np.isfinite(self.exact.samples.targets).sum()), 1)
+        self.weights = self.exact.weights
 
     def result(self) -> Result:
         given = self.objective.start
@@ -120,7 +120,7 @@ class _Run:
             start=1,
             stage=stage,
             cost=line.cost,
-            rmse=float(np.sqrt(max(cost, 0.0) / self.scored)),
+            rmse=float(np.sqrt(max(cost, 0.0) / self.weights)),
             step=line.step,
             damping=line.damping,
             active=line.active,
@@ -131,7 +131,7 @@ class _Run:
             self.progress(entry)
 
     def _informed(self, end: Descent) -> Mapping[str, Bool]:
-        """For each free parameter, the values that the cost depends on."""
+        """For each free parameter, the values that the cost depends on, at the end or on the way there."""
         if not np.isfinite(end.cost):
             return {}
         if self.objective.small:
@@ -140,6 +140,7 @@ class _Run:
         else:
             seen = np.diag(self.objective.normal(end.values)[1]) > 0
         parameters, offsets = self.problem.parameters, self.exact.values.offsets
+        seen |= end.values != self.objective.start
         return {
             name: np.asarray(seen[offsets[name] : offsets[name] + parameters[name].size]).reshape(
                 parameters[name].values.shape
@@ -159,10 +160,12 @@ def _require(problem: Problem) -> None:
         )
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
-    elif problem.criteria and not any(
-        np.isfinite(problem.target(c, bound)).any() for c in problem.criteria for bound in problem.training
-    ):
-        findings.append(Finding("criteria", "no sample of the training data has a target"))
+    else:
+        findings += [
+            Finding(f"criterion on {c.node}", f"no sample of the training data has its target {c.target}")
+            for c in problem.criteria
+            if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
+        ]
     if findings:
         raise InputError(findings)
 

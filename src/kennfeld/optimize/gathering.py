@@ -93,7 +93,7 @@ def _cell_keys(rows: Float, lowered: Lowered, split: Split, kernel: Kernel) -> I
         count = lowered.axes[payload.number].size + 2
         if cells * count > 2**31:
             break
-        cell = np.clip(rows[kernel.layout.inputs[name]], -1, count - 2).astype(np.int32) + 1
+        cell = np.clip(np.nan_to_num(rows[kernel.layout.inputs[name]]), -1, count - 2).astype(np.int32) + 1
         keys = cell if keys is None else keys * np.int32(count) + cell
         cells *= count
     if keys is not None and cells <= 2**16:

@@ -86,8 +86,10 @@ class Descent:
     evaluations: int
 
 
+INSENSITIVE = 1e-12  # share of the cost that a value moves by its own size, below which its slope may be rounding noise
+TRUSTED = 0.9  # ratio of actual to predicted gain at which small gains mean heavy damping, not the end
 MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
-MOST_DAMPING = 1e14
+MOST_DAMPING = 1e40  # steps have vanished long before
 PROBE = 0.1  # share of a step at which its curvature is measured
 MOST_BEND = 0.75
 
@@ -95,7 +97,7 @@ MOST_BEND = 0.75
 class _Linearised:
     """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales."""
 
-    def __init__(self, objective: Objective, at: Float, movable: Int, scale: Float | None) -> None:
+    def __init__(self, objective: Objective, at: Float, movable: Int, cost: float, scale: Float | None) -> None:
         self.movable = movable
         self.objective, self.at = objective, at
         if objective.small:
@@ -115,6 +117,8 @@ class _Linearised:
         full = np.zeros(at.size)
         full[movable] = diagonal
         self.scale = np.maximum(diagonal, objective.floor(full)[movable])
+        size = np.abs(at[movable])
+        self.scale = np.maximum(self.scale, INSENSITIVE * cost / np.where(size > 1e-150, size, np.inf) ** 2)
         self.scale[self.scale <= 0] = 1.0
         if scale is not None:
             self.scale = np.maximum(self.scale, MEMORY * scale)
@@ -205,7 +209,7 @@ class _Descending:
     ) -> None:
         self.objective, self.limits, self.settings, self.report = objective, limits, settings, report
         self.at = start
-        self.cost = objective.cost(start)
+        self.cost = np.inf
         self.evaluations = 1
         self.iterations = 0
         self.damping = settings.damping
@@ -216,21 +220,20 @@ class _Descending:
 
     def run(self) -> Descent:
         movable = np.flatnonzero(self.limits.movable)
-        if not np.isfinite(self.cost):
-            return self._end("failed", "The cost is not a finite number at the start.")
-        if not movable.size:
-            return self._end("converged", "No value is free to move.")
         try:
+            self.cost = self.objective.cost(self.at)
+            if not np.isfinite(self.cost):
+                return self._end("failed", "The cost is not a finite number at the start.")
+            if not movable.size:
+                return self._end("converged", "No value is free to move.")
             return self._iterate(movable)
         except (Stop, KeyboardInterrupt):
             return self._end("stopped", "Stopped on request; these are the best values so far.")
 
     def _iterate(self, movable: Int) -> Descent:
-        narrow = Limits(
-            self.limits.lower[movable], self.limits.upper[movable], self.limits.matrix[:, movable], self._rest(movable)
-        )
+        narrow = self.limits.narrowed(movable, self.at)
         while self.iterations < self.settings.max_iterations:
-            line = _Linearised(self.objective, self.at, movable, self.scale)
+            line = _Linearised(self.objective, self.at, movable, self.cost, self.scale)
             self.scale = line.scale
             if not line.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")
@@ -240,12 +243,6 @@ class _Descending:
         return self._end(
             "max_iterations", "The cost was still falling when the iterations ran out; raise max_iterations."
         )
-
-    def _rest(self, movable: Int) -> Float:
-        held = np.ones(self.at.size, dtype=bool)
-        held[movable] = False
-        rest: Float = self.limits.target - self.limits.matrix[:, held] @ self.at[held]
-        return rest
 
     def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
         """Raise the damping until a step lowers the cost; None to go on from there."""
@@ -259,7 +256,9 @@ class _Descending:
             solution = solve(factor, free_step, here, limits, self.active)
             there = limits.clip(here + solution.step)
             gain = line.gain(there - here)
-            if gain <= self.settings.tolerance**2 * self.cost or np.array_equal(there, here):
+            if np.array_equal(there, here):
+                return self._end("converged", "No step changes the values any further.")
+            if gain <= self.settings.tolerance**2 * self.cost and self.damping <= 1.0:
                 return self._end("converged", "The gradient is zero within the tolerance.")
             if self.objective.bends:
                 bend = line.bend(factor, there - here)
@@ -284,7 +283,8 @@ class _Descending:
 
     def _accept(self, line: _Linearised, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
-        self.calm = self.calm + 1 if relative < self.settings.tolerance else 0
+        held_back = self.damping > 1.0 and ratio > TRUSTED
+        self.calm = self.calm + 1 if relative < self.settings.tolerance and not held_back else 0
         size = line.length(trial[line.movable] - self.at[line.movable]) / max(np.sqrt(cost), 1e-300)
         self.at, self.cost, self.active = trial, cost, solution.active
         self.iterations += 1

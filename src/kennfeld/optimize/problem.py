@@ -138,6 +138,17 @@ class Compiled:
         self.roughness = Roughness.of(parameters, self.values, {name: problem.factors(name) for name in free})
         self.start = self.values.pack(parameters)
 
+    @property
+    def weights(self) -> float:
+        """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
+        samples = self.samples
+        scales = np.array([output.scale for output in self.kernel.outputs])
+        parts = [
+            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
+            for piece in samples.pieces
+        ]
+        return float(sum(parts)) or 1.0
+
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings

@@ -16,19 +16,27 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     Distances are measured in units of each value's size.
     """
     clipped = limits.clip(values)
-    moved = int(np.count_nonzero(clipped != values))
+    moved = int(np.count_nonzero((clipped != values) & ~np.isnan(values)))
     remark = f"The start lay outside its bounds in {moved} values and was moved onto them." if moved else ""
-    if limits.violation(clipped) <= FEASIBLE:
+    size = _sizes(clipped)
+    if np.all(limits.violations(clipped, size) <= FEASIBLE):
         return clipped, remark
-    movable = limits.movable
-    rest = limits.target - limits.matrix[:, ~movable] @ clipped[~movable]
-    narrow = Limits(limits.lower[movable], limits.upper[movable], limits.matrix[:, movable], rest)
+    movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
-    size = np.maximum(np.abs(here), np.abs(here).mean() if here.size else 1.0) + 1e-12
-    step = solve(np.asfortranarray(np.diag(1 / size)), np.zeros(here.size), here, narrow).step
+    narrow = limits.narrowed(movable, clipped)
+    step = solve(np.asfortranarray(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow).step
     there = clipped.copy()
     there[movable] = narrow.clip(here + step)
-    if limits.violation(there) > FEASIBLE:
-        rows = np.flatnonzero(np.abs(limits.matrix @ there - limits.target) > FEASIBLE)
-        return None, f"Pins contradict bounds, locks or each other: pin {int(rows[0]) + 1} cannot be met."
+    missed = limits.violations(there, size)
+    if not np.all(missed <= FEASIBLE):
+        worst = int(np.argmax(np.nan_to_num(missed, nan=np.inf)))
+        return None, f"Pins contradict bounds, locks or each other: pin {worst + 1} cannot be met."
     return there, "The start did not keep the pins and was moved to the nearest values that do."
+
+
+def _sizes(values: Float) -> Float:
+    """A typical size of each value, above 0."""
+    known = np.abs(np.nan_to_num(values))
+    typical = float(known.mean()) if known.size else 0.0
+    sizes: Float = np.maximum(known, typical if typical > 0 else 1.0)
+    return sizes

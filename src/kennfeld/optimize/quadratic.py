@@ -46,12 +46,23 @@ class Limits:
         clipped: Float = np.clip(values, self.lower, self.upper)
         return clipped
 
+    def violations(self, values: Float, size: Float) -> Float:
+        """How far each equality is missed, relative to its scale for values of this typical size."""
+        scale = np.abs(self.matrix) @ size + np.abs(self.target) + 1e-300
+        missed: Float = np.abs(self.matrix @ values - self.target) / scale
+        return missed
+
     def violation(self, values: Float) -> float:
-        """Largest violation of an equality relative to its scale."""
-        if not self.target.size:
-            return 0.0
-        scale = np.abs(self.matrix) @ np.abs(values) + np.abs(self.target) + 1e-300
-        return float(np.max(np.abs(self.matrix @ values - self.target) / scale))
+        """The largest of the `violations`, for values of the size they have."""
+        return float(np.max(self.violations(values, np.abs(values)), initial=0.0))
+
+    def narrowed(self, movable: Int, values: Float) -> "Limits":
+        """The limits on the movable values, the others standing as they are; rows without a movable value fall out."""
+        held = np.ones(values.size, dtype=bool)
+        held[movable] = False
+        rest = self.target - self.matrix[:, held] @ values[held]
+        rows = (self.matrix[:, movable] != 0).any(axis=1)
+        return Limits(self.lower[movable], self.upper[movable], self.matrix[rows][:, movable], rest[rows])
 
 
 @dataclass(frozen=True)

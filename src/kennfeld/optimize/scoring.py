@@ -73,7 +73,9 @@ def _quality(node: str, bound: Bound, old: Float, new: Float, target: Float) -> 
     scored = np.isfinite(target)
     count = int(scored.sum())
     error = new[scored]
-    spread = float(np.sum((target[scored] - target[scored].mean()) ** 2)) if count else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        spread = float(np.sum((target[scored] - target[scored].mean()) ** 2)) if count else 0.0
+        rest = float(np.sum(error**2))
     return Quality(
         criterion=node,
         dataset=bound.dataset.name,
@@ -81,7 +83,7 @@ def _quality(node: str, bound: Bound, old: Float, new: Float, target: Float) -> 
         samples=count,
         rmse_before=_rmse(old[scored]),
         rmse_after=_rmse(error),
-        r2_after=1.0 - float(np.sum(error**2)) / spread if spread > 0 else float("nan"),
+        r2_after=1.0 - rest / spread if spread > 0 else float("nan"),
         max_abs_after=float(np.abs(error).max()) if count else float("nan"),
     )
 
