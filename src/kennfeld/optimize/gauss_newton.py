@@ -86,7 +86,7 @@ class Descent:
     evaluations: int
 
 
-INSENSITIVE = 1e-12  # share of the cost that a value moves by its own size, below which its slope may be rounding noise
+INSENSITIVE = 1e-16  # share of the cost that a value moves by its own size, below which its slope may be rounding noise
 TRUSTED = 0.9  # ratio of actual to predicted gain at which small gains mean heavy damping, not the end
 MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
 MOST_DAMPING = 1e40  # steps have vanished long before
