@@ -210,7 +210,7 @@ def _seeds(cap: float) -> Table:
             *(f"{np.median(above):.2%}", f"{above.max():.2%}", f"{np.sum(above <= HIGHER)} of {len(SEEDS)}"),
         )
     table.notes = [
-        "The best is the lowest cost of these solvers, for each seed. One table above is one draw of the noise; the "
+        "The best is the lowest cost of these solvers, for each seed. The table above is one draw of the noise; the "
         "cost has creases, and which of many neighbouring ends a descent finds is partly chance."
     ]
     return table

@@ -190,43 +190,54 @@ def extract(
     outputs: Sequence[str],
 ) -> Graph:
     """The part of a graph that the names need, numbered depth first in the order of the names."""
-    number: dict[int, int] = {}
-    kept: list[Node] = []
-    state_number: dict[int, int] = {}
-    waiting: list[int] = []
-
-    def visit(root: int) -> None:
-        stack = [root]
-        while stack:
-            at = stack[-1]
-            missing = [a for a in reversed(nodes[at].args) if a not in number]
-            if at in number or missing:
-                stack.pop() if at in number else stack.extend(missing)
-                continue
-            stack.pop()
-            op, args, payload = nodes[at]
-            if op == "state":
-                if payload not in state_number:
-                    state_number[payload] = len(state_number)
-                    waiting.append(payload)
-                payload = state_number[payload]
-            number[at] = len(kept)
-            kept.append(Node(op, tuple(number[a] for a in args), payload))
-
+    order = _Order(nodes)
     for root in names.values():
-        visit(root)
-    for which in waiting:  # grows while it is walked: a state may need further states
-        visit(states[which].init)
-        visit(states[which].next)
+        order.visit(root)
+    for which in order.states:  # grows while it is walked: a state may need further states
+        order.visit(states[which].init)
+        order.visit(states[which].next)
+    number = order.number
     renamed = {name: number[at] for name, at in names.items()}
-    memories = tuple(State(number[states[w].init], number[states[w].next], states[w].latency) for w in waiting)
+    memories = tuple(State(number[states[w].init], number[states[w].next], states[w].latency) for w in order.states)
     return Graph(
-        tuple(kept),
+        tuple(order.kept),
         MappingProxyType(renamed),
         memories,
         MappingProxyType(dict(units)),
-        tuple(outputs) or _sinks(kept, memories, renamed),
+        tuple(outputs) or _sinks(order.kept, memories, renamed),
     )
+
+
+class _Order:
+    """Nodes in the order in which a walk first completes them, and the states it meets."""
+
+    def __init__(self, nodes: Sequence[Node]) -> None:
+        self.nodes = nodes
+        self.number: dict[int, int] = {}
+        self.kept: list[Node] = []
+        self.states: list[int] = []
+
+    def visit(self, root: int) -> None:
+        """Number a node and all that it is computed from within the step."""
+        stack = [root]
+        while stack:
+            at = stack[-1]
+            missing = [] if at in self.number else [a for a in reversed(self.nodes[at].args) if a not in self.number]
+            if missing:
+                stack.extend(missing)
+                continue
+            stack.pop()
+            if at not in self.number:
+                self._keep(at)
+
+    def _keep(self, at: int) -> None:
+        op, args, payload = self.nodes[at]
+        if op == "state":
+            if payload not in self.states:
+                self.states.append(payload)
+            payload = self.states.index(payload)
+        self.number[at] = len(self.kept)
+        self.kept.append(Node(op, tuple(self.number[a] for a in args), payload))
 
 
 def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, int]) -> tuple[str, ...]:

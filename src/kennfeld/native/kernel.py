@@ -10,7 +10,8 @@ from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization, differentiate
 from kennfeld.graph.lowering import Lowered
 from kennfeld.native.emitter import Layout
-from kennfeld.native.step import Output, compiled, cost_code, entries_of, start_code, tape_code
+from kennfeld.native.entries import entries_of
+from kennfeld.native.step import Output, compiled, cost_code, start_code, tape_code
 from kennfeld.native.sweeps import Pattern, sweeps
 from kennfeld.parameters import ParameterSet
 

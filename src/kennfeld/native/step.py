@@ -21,10 +21,11 @@ from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
 from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.engine import Engine
+from kennfeld.native.entries import entry_items
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.tables import corners, search_function, smooth_function
+from kennfeld.native.tables import search_function, smooth_function
 
-__all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "entries_of", "start_code", "tape_code", "values_code"]
+__all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "start_code", "tape_code", "values_code"]
 
 Loss = Literal["square", "huber", "soft_l1"]
 RANGE = (("i64", "first"), ("i64", "last"))
@@ -183,34 +184,12 @@ def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
             return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
 
 
-@dataclass(frozen=True)
-class Entries:
-    """How many entries a tape has room for; `fixed` if every sample writes exactly as many."""
-
-    room: int
-    fixed: bool
-
-
-def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Entries:
-    """Room for the grid points that the atoms of one sample touch."""
-    room, fixed = 0, True
-    for atom in atoms:
-        points = 1
-        table = line.nodes[atom].payload
-        for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
-            points *= count if smoothed else min(count, 2)
-            fixed = fixed and not smoothed
-        room += points
-    return Entries(room, fixed)
-
-
 def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
     """`tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range, see the module.
 
     `scores[output]` is the weight of the dataset and criterion.
     """
     m, n = len(outputs), len(line.carried)
-    entries = entries_of(line, layout, line.atoms)
 
     def residuals(at: int, output: Output) -> Item:
         def emit(step: Step) -> None:
@@ -242,7 +221,11 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
 
     tail = [residuals(at, output) for at, output in enumerate(outputs)]
     tail += [next_state(row) for row in range(n)]
-    tail += _entry_items(line, layout, line.atoms, line.slopes, outputs, entries)
+
+    def slope_of(step: Step, row: int, atom: int) -> str:
+        return _output_slope(step, line, outputs[row], row, atom) if row < m else step.value(line.slopes[row][atom])
+
+    tail += entry_items(line, layout, line.atoms, line.slopes, slope_of)
     return _loop("tape", TAPE, tail, line, layout)
 
 
@@ -260,61 +243,11 @@ def _output_slope(step: Step, line: Linearization, output: Output, at: int, seed
     return f.select(scored, slope, ZERO)
 
 
-def _entry_items(
-    line: Linearization,
-    layout: Layout,
-    atoms: Sequence[int],
-    rows: Sequence[Mapping[int, int]],
-    outputs: Sequence[Output],
-    entries: Entries,
-) -> list[Item]:
-    """Items that write the entries of each atom: its grid points' columns and their slopes, a row after the other."""
-    width = len(rows)
-
-    def write(atom: int, at: int) -> Item:
-        table = line.nodes[atom].payload
-        args = line.nodes[atom].args
-        slopes = [slopes.get(atom) for slopes in rows]
-
-        def emit(step: Step) -> None:
-            f = step.f
-            row_slopes = [
-                ZERO
-                if slope is None
-                else _output_slope(step, line, outputs[row], row, atom)
-                if row < len(outputs)
-                else step.value(slope)
-                for row, slope in enumerate(slopes)
-            ]
-            start = f.mul("%row", entries.room)
-            base = layout.offsets[table.name]
-            for number, corner in enumerate(corners(f, step.sides(table, args), layout.strides(table.name))):
-                count = str(at + number) if entries.fixed else f.load("%count", "%row", "i32")
-                wide = count if entries.fixed else f.new(f"sext i32 {count} to i64")
-                place = f.add(start, wide)
-                column = f.new(f"trunc i64 {f.add(corner.index, base)} to i32")
-                f.store(column, "%index", place, "i32")
-                into = f.at("%slope", f.mul(place, width))
-                for row, slope in enumerate(row_slopes):
-                    f.store(ZERO if slope == ZERO else step.product(slope, corner.weight), into, row)
-                if not entries.fixed:
-                    f.store(f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
-
-        return Item((*args, *(s for s in slopes if s is not None)), emit)
-
-    def begin(step: Step) -> None:
-        step.f.store(str(entries.room if entries.fixed else 0), "%count", "%row", "i32")
-
-    items, at = [Item((), begin)], 0
-    for atom in atoms:
-        items.append(write(atom, at))
-        at += entries_of(line, layout, [atom]).room
-    return items
-
-
 def start_code(line: Linearization, layout: Layout) -> Code:
     """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
-    entries = entries_of(line, layout, line.start_atoms)
+
+    def slope_of(step: Step, row: int, atom: int) -> str:
+        return step.value(line.start_slopes[row][atom])
 
     def fill(step: Step) -> None:
         f = step.f
@@ -327,7 +260,7 @@ def start_code(line: Linearization, layout: Layout) -> Code:
                 f.store("0", "%hints", i, "i64")
 
     items = node_items(line.nodes, [*line.starts, *(at for row in line.start_slopes for at in row.values())])
-    items += _entry_items(line, layout, line.start_atoms, line.start_slopes, (), entries)
+    items += entry_items(line, layout, line.start_atoms, line.start_slopes, slope_of)
     items.append(Item(tuple(line.starts), fill))
     extra = [("ptr", "index"), ("ptr", "slope"), ("ptr", "count")]
     passed = [*PARAMETERS, *extra, ("i64", "row")]
