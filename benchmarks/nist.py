@@ -24,7 +24,7 @@ TOOLS = {
     "scipy least_squares, defaults": ("scipy_trf", ("scipy",)),
     'scipy least_squares, method="lm"': ("scipy_lm", ("scipy",)),
     "scipy curve_fit, defaults": ("curve_fit", ("scipy",)),
-    "lmfit Model.fit, defaults": ("lmfit", ("lmfit",)),
+    "lmfit minimize, defaults": ("lmfit", ("lmfit",)),
 }
 
 

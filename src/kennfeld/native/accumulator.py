@@ -141,8 +141,7 @@ class Accumulator:
     def _sum_run(self, space: Workspace, run: Run) -> None:
         if not self.kernel.pattern.carried:
             for chunk in run:
-                self._resume(space, chunk)
-                space.tape(chunk)
+                self._linearise(space, chunk)
                 space.normal(chunk)
         elif self.sparse:
             self._sum_sweeps(space, run)
@@ -157,28 +156,25 @@ class Accumulator:
         space.q[:], space.l[:] = 0.0, 0.0
         for chunk in reversed(run):
             kept.append((space.q.copy(), space.l.copy()))
-            self._linearise(space, chunk, run)
+            self._linearise(space, chunk)
             space.backward(chunk)
         self._resume(space, run[0])
         space.begin_sensitivities(run[0].first, add_start=True)
         for chunk, (q, l) in zip(run, reversed(kept), strict=True):  # noqa: E741
             if len(run) > 1:
                 space.q[:], space.l[:] = q, l
-                self._linearise(space, chunk, run)
+                self._linearise(space, chunk)
                 space.backward(chunk)
             space.forward(chunk)
 
-    def _linearise(self, space: Workspace, chunk: Chunk, run: Run) -> None:
+    def _linearise(self, space: Workspace, chunk: Chunk) -> None:
         self._resume(space, chunk)
         space.tape(chunk)
-        if chunk is run[-1]:
-            space.forget_next(chunk.length - 1)
 
     def _row_blocks(self, space: Workspace, run: Run) -> Iterator[tuple[Float, Float]]:
         space.begin_sensitivities(run[0].first, add_start=False)
         for chunk in run:
-            self._resume(space, chunk)
-            space.tape(chunk)
+            self._linearise(space, chunk)
             yield space.rows(chunk)
 
     def rows(self, values: Float) -> tuple[Float, Float]:

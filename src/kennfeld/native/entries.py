@@ -41,8 +41,12 @@ def entry_items(
     atoms: Sequence[int],
     rows: Sequence[Mapping[int, int]],
     slope_of: SlopeOf,
+    also: Sequence[int] = (),
 ) -> list[Item]:
-    """Items that write the grid points of each atom, one after the other; `rows` are the slopes' nodes by atom."""
+    """Items that write the grid points of each atom, one after the other; `rows` are the slopes' nodes by atom.
+
+    `slope_of` writes a slope; `also` are nodes that it uses besides.
+    """
     entries = entries_of(line, layout, atoms)
 
     def begin(step: Step) -> None:
@@ -51,7 +55,7 @@ def entry_items(
     items, first = [Item((), begin)], 0
     for atom in atoms:
         writer = _Writer(line, layout, entries, rows, slope_of, atom, first)
-        items.append(Item(writer.needs, writer.emit))
+        items.append(Item((*writer.needs, *also), writer.emit))
         first += entries_of(line, layout, [atom]).room
     return items
 

@@ -215,17 +215,21 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
             f = step.f
             place = f.mul(f.add(f.mul("%row", n), row), n)
             for i, seed in enumerate(line.seeds):
-                f.store(step.value(slopes[seed]) if seed in slopes else ZERO, "%a", f.add(place, i))
+                slope = _state_slope(step, following, slopes[seed]) if seed in slopes else ZERO
+                f.store(slope, "%a", f.add(place, i))
 
-        return Item(_present(slopes, line.seeds), emit)
+        following = line.states[line.carried[row]].next
+        return Item((following, *_present(slopes, line.seeds)), emit)
 
     tail = [residuals(at, output) for at, output in enumerate(outputs)]
     tail += [next_state(row) for row in range(n)]
 
     def slope_of(step: Step, row: int, atom: int) -> str:
-        return _output_slope(step, line, outputs[row], row, atom) if row < m else step.value(line.slopes[row][atom])
+        if row < m:
+            return _output_slope(step, line, outputs[row], row, atom)
+        return _state_slope(step, line.states[line.carried[row - m]].next, line.slopes[row][atom])
 
-    tail += entry_items(line, layout, line.atoms, line.slopes, slope_of)
+    tail += entry_items(line, layout, line.atoms, line.slopes, slope_of, [line.states[i].next for i in line.carried])
     return _loop("tape", TAPE, tail, line, layout)
 
 
@@ -243,11 +247,18 @@ def _output_slope(step: Step, line: Linearization, output: Output, at: int, seed
     return f.select(scored, slope, ZERO)
 
 
+def _state_slope(step: Step, state: int, slope: int) -> str:
+    """A slope of a state; 0 where the state is not finite, as then only a condition can keep it from the outputs."""
+    f = step.f
+    nothing = f.new(f"fsub double {step.value(state)}, {step.value(state)}")
+    return f.select(f.new(f"fcmp oeq double {nothing}, {ZERO}"), step.value(slope), ZERO)
+
+
 def start_code(line: Linearization, layout: Layout) -> Code:
     """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
 
     def slope_of(step: Step, row: int, atom: int) -> str:
-        return step.value(line.start_slopes[row][atom])
+        return _state_slope(step, line.starts[line.carried[row]], line.start_slopes[row][atom])
 
     def fill(step: Step) -> None:
         f = step.f
@@ -260,7 +271,7 @@ def start_code(line: Linearization, layout: Layout) -> Code:
                 f.store("0", "%hints", i, "i64")
 
     items = node_items(line.nodes, [*line.starts, *(at for row in line.start_slopes for at in row.values())])
-    items += entry_items(line, layout, line.start_atoms, line.start_slopes, slope_of)
+    items += entry_items(line, layout, line.start_atoms, line.start_slopes, slope_of, line.starts)
     items.append(Item(tuple(line.starts), fill))
     extra = [("ptr", "index"), ("ptr", "slope"), ("ptr", "count")]
     passed = [*PARAMETERS, *extra, ("i64", "row")]

@@ -77,11 +77,6 @@ class Workspace:
         head = (_at(self.samples.targets), _at(scores), *self._steps, *self._entries[:3])
         self.kernel.tape(*self._model, *head, chunk.first, chunk.last)
 
-    def forget_next(self, row: int) -> None:
-        """Cut off what a sample hands on, which after the last one may be anything."""
-        self.a[row] = 0.0
-        self.slope[row, :, len(self.kernel.outputs) :] = 0.0
-
     def normal(self, chunk: Chunk) -> None:
         """Add the tape to the sums, without states."""
         self.kernel.sweeps.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
