@@ -5,5 +5,20 @@ from kennfeld.native.kernel import Kernel, Values
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
 from kennfeld.native.step import Loss, Output
+from kennfeld.native.triangular import cholesky, solve_both, solve_lower, solve_upper
 
-__all__ = ["Accumulator", "Kernel", "Loss", "Normal", "Output", "Piece", "Samples", "Simulator", "Values"]
+__all__ = [
+    "Accumulator",
+    "Kernel",
+    "Loss",
+    "Normal",
+    "Output",
+    "Piece",
+    "Samples",
+    "Simulator",
+    "Values",
+    "cholesky",
+    "solve_both",
+    "solve_lower",
+    "solve_upper",
+]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from kennfeld.arrays import Float, Int
+from kennfeld.native import cholesky, solve_both
 from kennfeld.optimize.quadratic import Limits, Solution, solve
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
@@ -130,20 +130,17 @@ class _Linearised:
     def factor(self, damping: float) -> tuple[Float, Float] | None:
         """Lower factor of the damped matrix and the step without limits; None where it is not positive definite."""
         if self.matrix is not None:
-            damped = self.matrix.copy(order="F")
+            damped = self.matrix.copy()
             damped[np.diag_indices_from(damped)] += damping * self.scale
-            factor, failed = dpotrf(damped, lower=1, overwrite_a=1)
-            if failed:
-                return None
-            step, _ = dpotrs(factor, -self.gradient, lower=1)
-            return factor, step
+            factor = cholesky(damped)
+            return None if factor is None else (factor, solve_both(factor, -self.gradient))
         stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
         upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
         diagonal = np.abs(np.diag(upper))
         if diagonal.min(initial=1.0) <= 0:
             return None
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
-        lower = np.asfortranarray((sign[:, None] * upper).T)
+        lower = np.ascontiguousarray((sign[:, None] * upper).T)
         return lower, np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
 
     def bend(self, factor: Float, step: Float) -> Float:
@@ -157,8 +154,7 @@ class _Linearised:
         if not np.all(np.isfinite(ahead)):
             return np.full(step.size, np.inf)
         curved = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
-        correction, _ = dpotrs(factor, -(self.jacobian.T @ curved), lower=1)
-        return np.asarray(correction, dtype=np.float64)
+        return solve_both(factor, -(self.jacobian.T @ curved))
 
     def gain(self, step: Float) -> float:
         """Predicted decrease of the cost."""

@@ -24,7 +24,7 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
     narrow = limits.narrowed(movable, clipped)
-    step = solve(np.asfortranarray(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow).step
+    step = solve(np.diag(1 / size[movable]), np.zeros(here.size), here, narrow).step
     there = clipped.copy()
     there[movable] = narrow.clip(here + step)
     missed = limits.violations(there, size)

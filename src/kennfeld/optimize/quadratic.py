@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.native import solve_lower, solve_upper
 
 __all__ = ["Limits", "Solution", "nonnegative_dual", "solve"]
 
@@ -98,12 +98,12 @@ def solve(lower_factor: Float, free_step: Float, at: Float, limits: Limits, gues
 
 
 class _Rows:
-    """The limits under consideration, equalities first, as columns of V = L^-1 A'."""
+    """The limits under consideration, equalities first, as rows of V' = (L^-1 A')'."""
 
     def __init__(self, factor: Float, free_step: Float) -> None:
         self.factor = factor
         self.free_step = free_step
-        self.columns = np.zeros((free_step.size, 0))
+        self.rows = np.zeros((0, free_step.size))
         self.excess = np.zeros(0)
         self.equalities = 0
         self.bounded = np.zeros(0, dtype=np.int64)
@@ -132,16 +132,14 @@ class _Rows:
 
     def _append(self, rows: Float, excess: Float) -> None:
         if rows.size:
-            solved, _ = dtrtrs(self.factor, rows.T, lower=1)
-            self.columns = np.hstack([self.columns, solved])
+            self.rows = np.vstack([self.rows, solve_lower(self.factor, rows)])
             self.excess = np.concatenate([self.excess, excess])
 
     def step(self) -> Float:
         if not self.excess.size:
             return self.free_step
-        self.multipliers = nonnegative_dual(self.columns.T @ self.columns, self.excess, self.equalities)
-        correction, _ = dtrtrs(self.factor, self.columns @ self.multipliers, lower=1, trans=1)
-        step: Float = self.free_step - correction
+        self.multipliers = nonnegative_dual(self.rows @ self.rows.T, self.excess, self.equalities)
+        step: Float = self.free_step - solve_upper(self.factor, self.multipliers @ self.rows)
         return step
 
     def active(self, size: int) -> Int:
