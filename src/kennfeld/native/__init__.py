@@ -5,10 +5,11 @@ from kennfeld.native.kernel import Kernel, Values
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
 from kennfeld.native.step import Loss, Output
-from kennfeld.native.triangular import cholesky, solve_both, solve_lower, solve_upper
+from kennfeld.native.triangular import Cholesky, solve_both, solve_lower, solve_upper
 
 __all__ = [
     "Accumulator",
+    "Cholesky",
     "Kernel",
     "Loss",
     "Normal",
@@ -17,7 +18,6 @@ __all__ = [
     "Samples",
     "Simulator",
     "Values",
-    "cholesky",
     "solve_both",
     "solve_lower",
     "solve_upper",

@@ -9,39 +9,46 @@ from kennfeld.arrays import Float
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
 
-__all__ = ["cholesky", "solve_both", "solve_lower", "solve_upper"]
+__all__ = ["Cholesky", "solve_both", "solve_lower", "solve_upper"]
 
 FACTOR = (("ptr", "factor"), ("i64", "size"), ("ptr", "rows"), ("i64", "count"))
 
 
-def cholesky(matrix: Float) -> Float | None:
-    """The lower factor L of a symmetric matrix, L L' = matrix; None where it is not positive definite.
+class Cholesky:
+    """Factors symmetric matrices of one size, in memory of its own: fresh memory would take as long as the work."""
 
-    >>> cholesky(np.array([[4.0, 2.0], [2.0, 2.0]]))
-    array([[2., 0.],
-           [1., 1.]])
-    """
-    try:
-        return np.asarray(_upper(matrix).T, dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return None
+    def __init__(self, size: int) -> None:
+        self._matrix = np.empty((size, size))
+        self._upper = np.empty((size, size), order="F")
 
+    def factor(self, matrix: Float, diagonal: Float) -> Float | None:
+        """L with L L' = matrix + diag(diagonal), until the next call; None where that is not positive definite.
 
-def _upper(matrix: Float) -> Float:
-    """The upper factor, its columns in memory one after the other, as LAPACK leaves it.
+        >>> Cholesky(2).factor(np.array([[4.0, 2.0], [2.0, 1.0]]), np.array([0.0, 1.0]))
+        array([[2., 0.],
+               [1., 1.]])
+        """
+        np.copyto(self._matrix, matrix)
+        self._matrix[np.diag_indices_from(self._matrix)] += diagonal
+        try:
+            return np.asarray(self._factor().T, dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return None
 
-    `np.linalg.cholesky` transposes on the way in and out, which takes longer than the factorisation; its kernel does
-    not if it is given such arrays.
-    """
-    kernel = getattr(getattr(np.linalg, "_umath_linalg", None), "cholesky_up", None)
-    if kernel is None:
-        return np.asarray(np.linalg.cholesky(matrix).T, dtype=np.float64)
-    upper = np.empty(matrix.shape, order="F")
-    with np.errstate(invalid="ignore"):
-        kernel(matrix.T, upper, signature="d->d")
-    if upper.size and not np.isfinite(upper[-1, -1]):
-        raise np.linalg.LinAlgError
-    return upper
+    def _factor(self) -> Float:
+        """The upper factor, its columns one after the other in memory, as LAPACK leaves it.
+
+        `np.linalg.cholesky` transposes on the way in and out, which takes longer than the factorisation; its kernel
+        does not if it is given such arrays.
+        """
+        kernel = getattr(getattr(np.linalg, "_umath_linalg", None), "cholesky_up", None)
+        if kernel is None:
+            return np.asarray(np.linalg.cholesky(self._matrix).T, dtype=np.float64)
+        with np.errstate(invalid="ignore"):
+            kernel(self._matrix.T, self._upper, signature="d->d")
+        if self._upper.size and not np.isfinite(self._upper[-1, -1]):
+            raise np.linalg.LinAlgError
+        return self._upper
 
 
 def solve_lower(factor: Float, right: Float) -> Float:

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import cholesky, solve_both
+from kennfeld.native import Cholesky, solve_both
 from kennfeld.optimize.quadratic import Limits, Solution, solve
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
@@ -127,12 +127,10 @@ class _Linearised:
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
 
-    def factor(self, damping: float) -> tuple[Float, Float] | None:
+    def factor(self, damping: float, cholesky: Cholesky) -> tuple[Float, Float] | None:
         """Lower factor of the damped matrix and the step without limits; None where it is not positive definite."""
         if self.matrix is not None:
-            damped = self.matrix.copy()
-            damped[np.diag_indices_from(damped)] += damping * self.scale
-            factor = cholesky(damped)
+            factor = cholesky.factor(self.matrix, damping * self.scale)
             return None if factor is None else (factor, solve_both(factor, -self.gradient))
         stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
         upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
@@ -228,6 +226,7 @@ class _Descending:
 
     def _iterate(self, movable: Int) -> Descent:
         narrow = self.limits.narrowed(movable, self.at)
+        self.cholesky = Cholesky(0 if self.objective.small else movable.size)
         while self.iterations < self.settings.max_iterations:
             line = _Linearised(self.objective, self.at, movable, self.cost, self.scale)
             self.scale = line.scale
@@ -243,7 +242,7 @@ class _Descending:
     def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
         """Raise the damping until a step lowers the cost; None to go on from there."""
         while self.damping < MOST_DAMPING:
-            found = line.factor(self.damping)
+            found = line.factor(self.damping, self.cholesky)
             if found is None:
                 self._harder()
                 continue
