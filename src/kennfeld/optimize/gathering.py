@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.graph import Graph
 from kennfeld.graph.lowering import Lowered
 from kennfeld.graph.split import Split
 from kennfeld.native import Kernel, Piece, Samples, Simulator
@@ -71,9 +72,11 @@ def _precompute(
     rows: Float, computed: Mapping[str, int], bound: Bound, lowered: Lowered, split: Split, parameters: ParameterSet
 ) -> None:
     """Fill the rows that hold what depends on the data alone; block by block where there is no memory."""
-    simulator = Simulator(lowered, [split.columns[name] for name in computed], parameters)
+    graph = split.prepared
+    prepared = Lowered(graph, lowered.axes, {name: lowered.shapes[name] for name in _tables(graph)})
+    simulator = Simulator(prepared, [graph.names[name] for name in computed], parameters)
     names = simulator.inputs
-    whole = bool(lowered.graph.states)
+    whole = bool(graph.states)
     length = max(bound.count, 1) if whole else BLOCK
     for first in range(0, bound.count, length):
         last = min(first + length, bound.count)
@@ -81,6 +84,10 @@ def _precompute(
         found = simulator.run(parameters, block, bound.starts.tolist() if whole else [0])
         for row, values in zip(computed.values(), found, strict=True):
             rows[row, first:last] = values
+
+
+def _tables(graph: Graph) -> set[str]:
+    return {node.payload.name for node in graph.nodes if node.op == "interpolate"}
 
 
 def _cell_keys(rows: Float, lowered: Lowered, split: Split, kernel: Kernel) -> Int | None:
