@@ -3,9 +3,9 @@
 import string
 from collections.abc import Callable
 
+from formula_graphs import graphs, one_nan
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from formula_graphs import graphs, one_nan
 
 from kennfeld.errors import InputError
 from kennfeld.graph import Graph

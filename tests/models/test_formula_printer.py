@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from formula_graphs import graphs, one_nan
+from hypothesis import given, settings
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import OPERATIONS, Builder, Graph
