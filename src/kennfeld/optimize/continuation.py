@@ -12,7 +12,7 @@ from functools import partial
 from kennfeld.arrays import Float
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.problem import Compiled, Problem, smoothable
 from kennfeld.optimize.quadratic import Limits
 
 __all__ = ["STAGES", "descend_smoothed"]
@@ -30,9 +30,9 @@ def descend_smoothed(
     report: Callable[[str, Iteration, Float], None],
 ) -> Descent | None:
     """The end of the continuation, its cost that of the exact model; None where no lookup can be smoothed."""
-    smooth = Compiled(problem, smooth_like=exact)
-    if not smooth.smoothed:
+    if not smoothable(problem):
         return None
+    smooth = Compiled(problem, smooth_like=exact)
     at, iterations, evaluations = start, 0, 0
     stage_settings = replace(settings, tolerance=STAGE_TOLERANCE, patience=2)
     for width in STAGES:

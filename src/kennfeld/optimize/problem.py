@@ -20,7 +20,7 @@ from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Compiled", "Problem"]
+__all__ = ["Compiled", "Problem", "smoothable"]
 
 MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
 Smoothness = Mapping[str, float | Sequence[float]]
@@ -99,6 +99,17 @@ def difference(criterion: int) -> str:
     return f"\0{criterion}"
 
 
+def _outputs(problem: Problem) -> list[str]:
+    return [difference(i) for i in range(len(problem.criteria))]
+
+
+def smoothable(problem: Problem) -> bool:
+    """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
+    lowered = lower(problem.graph, problem.parameters, problem.free_names)
+    needed = split(lowered.graph, _outputs(problem), problem.free_names).graph
+    return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
+
+
 class Compiled:
     """A problem made ready to be evaluated: data-only parts computed, samples sorted, kernel compiled.
 
@@ -110,7 +121,7 @@ class Compiled:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
         lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
-        outputs = [difference(i) for i in range(len(problem.criteria))]
+        outputs = _outputs(problem)
         self._split = split(lowered.graph, outputs, free)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
         self.kernel = Kernel(
@@ -121,15 +132,6 @@ class Compiled:
             ],
             parameters,
             free,
-        )
-        self.smoothed = sorted(
-            {
-                axis.number
-                for node in reduced.graph.nodes
-                if node.op == "interpolate"
-                for axis, soft in zip(node.payload.axes, node.payload.smoothed, strict=True)
-                if soft
-            }
         )
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
         self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
