@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
+from kennfeld.native import Factor
 from kennfeld.optimize.quadratic import Limits, nonnegative_dual, pins, solve
 
 
@@ -16,8 +17,7 @@ def convex(size, random, condition=1e2):
 
 
 def solved(matrix, gradient, at, limits, guess=None):
-    factor = np.asfortranarray(cholesky(matrix, lower=True))
-    return solve(factor, -np.linalg.solve(matrix, gradient), at, limits, guess)
+    return solve(Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient), at, limits, guess)
 
 
 def worth(matrix, gradient, step):
@@ -215,8 +215,9 @@ def test_the_solution_is_where_no_feasible_direction_falls():
 
 def test_the_factor_is_used_as_it_is():
     matrix, gradient = convex(5, np.random.default_rng(2))
-    factor = np.asfortranarray(cholesky(matrix, lower=True))
-    kept = factor.copy()
-    free = -solve_triangular(factor.T, solve_triangular(factor, gradient, lower=True), lower=False)
+    lower = np.asarray(cholesky(matrix, lower=True))
+    factor = Factor.of(lower)
+    kept = factor.panels.copy()
+    free = -solve_triangular(lower.T, solve_triangular(lower, gradient, lower=True), lower=False)
     solve(factor, free, np.zeros(5), Limits(np.full(5, -0.01), np.full(5, 0.01)))
-    assert np.array_equal(factor, kept)
+    assert np.array_equal(factor.panels, kept)

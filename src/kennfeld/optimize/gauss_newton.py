@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Cholesky, solve_both
+from kennfeld.native import Cholesky, Factor
 from kennfeld.optimize.quadratic import Limits, Solution, solve
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
@@ -127,11 +127,11 @@ class _Linearised:
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
 
-    def factor(self, damping: float, cholesky: Cholesky) -> tuple[Float, Float] | None:
-        """Lower factor of the damped matrix and the step without limits; None where it is not positive definite."""
+    def factor(self, damping: float, cholesky: Cholesky) -> tuple[Factor, Float] | None:
+        """Factor of the damped matrix and the step without limits; None where it is not positive definite."""
         if self.matrix is not None:
             factor = cholesky.factor(self.matrix, damping * self.scale)
-            return None if factor is None else (factor, solve_both(factor, -self.gradient))
+            return None if factor is None else (factor, factor.solve(-self.gradient))
         stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
         upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
         diagonal = np.abs(np.diag(upper))
@@ -139,9 +139,9 @@ class _Linearised:
             return None
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
-        return lower, np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
+        return Factor.of(lower), np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
 
-    def bend(self, factor: Float, step: Float) -> Float:
+    def bend(self, factor: Factor, step: Float) -> Float:
         """Geodesic acceleration: the correction of a step for the curvature of the residuals along it.
 
         M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012. Small problems only.
@@ -152,7 +152,7 @@ class _Linearised:
         if not np.all(np.isfinite(ahead)):
             return np.full(step.size, np.inf)
         curved = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
-        return solve_both(factor, -(self.jacobian.T @ curved))
+        return factor.solve(-(self.jacobian.T @ curved))
 
     def gain(self, step: Float) -> float:
         """Predicted decrease of the cost."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.native import Factor
 from kennfeld.optimize.quadratic import Limits, solve
 
 __all__ = ["project"]
@@ -24,7 +25,7 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
     narrow = limits.narrowed(movable, clipped)
-    step = solve(np.diag(1 / size[movable]), np.zeros(here.size), here, narrow).step
+    step = solve(Factor.of(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow).step
     there = clipped.copy()
     there[movable] = narrow.clip(here + step)
     missed = limits.violations(there, size)

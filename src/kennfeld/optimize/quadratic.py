@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native import solve_lower, solve_upper
+from kennfeld.native import Factor
 
 __all__ = ["Limits", "Solution", "nonnegative_dual", "solve"]
 
@@ -73,15 +73,15 @@ class Solution:
     active: Int
 
 
-def solve(lower_factor: Float, free_step: Float, at: Float, limits: Limits, guess: Int | None = None) -> Solution:
+def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: Int | None = None) -> Solution:
     """The minimiser of the quadratic program at the point `at`.
 
-    `lower_factor` is the Cholesky factor L of H = LL', `free_step` is -H^-1 g. `guess` are bounds likely to be active.
+    `factor` is that of H, `free_step` is -H^-1 g. `guess` are bounds likely to be active.
     """
     room_up, room_down = limits.upper - at, at - limits.lower
     if not limits.target.size and np.all(free_step <= room_up) and np.all(-free_step <= room_down):
         return Solution(free_step, np.zeros(at.size, dtype=np.int64))
-    rows = _Rows(lower_factor, free_step)
+    rows = _Rows(factor, free_step)
     rows.add_equalities(limits.matrix, limits.target - limits.matrix @ at)
     if guess is not None:
         rows.add_bounds(guess, room_up, room_down)
@@ -100,10 +100,10 @@ def solve(lower_factor: Float, free_step: Float, at: Float, limits: Limits, gues
 class _Rows:
     """The limits under consideration, equalities first, as rows of V' = (L^-1 A')'."""
 
-    def __init__(self, factor: Float, free_step: Float) -> None:
+    def __init__(self, factor: Factor, free_step: Float) -> None:
         self.factor = factor
         self.free_step = free_step
-        self.rows = np.zeros((0, free_step.size))
+        self.rows = np.zeros((0, factor.inverse.size))
         self.excess = np.zeros(0)
         self.equalities = 0
         self.bounded = np.zeros(0, dtype=np.int64)
@@ -132,14 +132,14 @@ class _Rows:
 
     def _append(self, rows: Float, excess: Float) -> None:
         if rows.size:
-            self.rows = np.vstack([self.rows, solve_lower(self.factor, rows)])
+            self.rows = np.vstack([self.rows, self.factor.solve_lower(rows)])
             self.excess = np.concatenate([self.excess, excess])
 
     def step(self) -> Float:
         if not self.excess.size:
             return self.free_step
         self.multipliers = nonnegative_dual(self.rows @ self.rows.T, self.excess, self.equalities)
-        step: Float = self.free_step - solve_upper(self.factor, self.multipliers @ self.rows)
+        step: Float = self.free_step - self.factor.solve_upper(self.multipliers @ self.rows)
         return step
 
     def active(self, size: int) -> Int:
