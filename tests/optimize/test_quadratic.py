@@ -17,7 +17,9 @@ def convex(size, random, condition=1e2):
 
 
 def solved(matrix, gradient, at, limits, guess=None):
-    return solve(Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient), at, limits, guess)
+    return solve(
+        Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient), at, limits, guess
+    )
 
 
 def worth(matrix, gradient, step):

@@ -219,7 +219,7 @@ def _reduced(f: Function, panel: str, other: str, first: str, end: str) -> list[
 
 
 def _less(f: Function, column: str, vector: str, scalar: str) -> str:
-    """column - vector * scalar."""
+    """The column less vector times scalar."""
     product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
     return f.new(f"fsub contract {EIGHT} {column}, {product}")
 

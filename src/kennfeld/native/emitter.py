@@ -13,8 +13,9 @@ from kennfeld.arrays import Float
 from kennfeld.graph import Node
 from kennfeld.graph.lowering import AxisRef, TableRef
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
-from kennfeld.native.ir import Function, literal
-from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_window
+from kennfeld.native.ir import LANES, Function, literal
+from kennfeld.native.smoothing import smooth_window
+from kennfeld.native.tables import Cell, Window, corners, find_cell
 
 __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
 
@@ -24,7 +25,7 @@ PARAMETERS = (
     ("ptr", "data"),  # double[inputs][stride], the samples of one input in a row
     ("i64", "stride"),
     ("ptr", "values"),  # double[values], all parameters one after the other
-    ("ptr", "axes"),  # double[breakpoints], all axes one after the other
+    ("ptr", "axes"),  # double[breakpoints], see Layout.breakpoints
     ("ptr", "widths"),  # double[axes], standard deviations of the smoothing
     ("ptr", "memory"),  # double[cells], the states
     ("ptr", "hints"),  # i64[hints], ring positions and last cells
@@ -47,6 +48,11 @@ class Layout:
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis_offsets", _before([a.size for a in self.axes]))
         object.__setattr__(self, "memory_offsets", _before(self.latencies))
+
+    @property
+    def breakpoints(self) -> Float:
+        """All axes one after the other, with room to read whole vectors at the end."""
+        return np.concatenate([*self.axes, np.zeros(LANES)])
 
     @property
     def memory(self) -> int:

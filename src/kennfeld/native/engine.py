@@ -109,6 +109,8 @@ declare double @llvm.trunc.f64(double)
 declare i64 @llvm.fptosi.sat.i64.f64(double)
 declare i64 @llvm.smin.i64(i64, i64)
 declare i64 @llvm.smax.i64(i64, i64)
+declare double @llvm.maxnum.f64(double, double)
+declare <8 x double> @llvm.fabs.v8f64(<8 x double>)
 declare double @llvm.vector.reduce.fadd.v8f64(double, <8 x double>)
 """
 _DECLARATIONS = _INTRINSICS + "".join(_declare(name, count) for name, count in C_FUNCTIONS.items())

@@ -1,14 +1,15 @@
 """A small writer of LLVM IR text: functions, loops and branches, so that the emitters read like the code they emit."""
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
 
-__all__ = ["DOUBLE", "EIGHT", "Function", "literal"]
+__all__ = ["DOUBLE", "EIGHT", "LANES", "Function", "literal"]
 
 DOUBLE = "double"
-EIGHT = "<8 x double>"
+LANES = 8
+EIGHT = f"<{LANES} x double>"
 
 
 def literal(value: float) -> str:
@@ -138,6 +139,18 @@ class Function:
         self.do(f"br i1 {self.new(f'icmp slt i64 {index}, {end}')}, label %{body}, label %{done}")
         self.begin(body)
         yield index, counter
+        self.do(f"br label %{head}")
+        self.begin(done)
+
+    @contextmanager
+    def as_long_as(self, condition: Callable[[], str]) -> Iterator[None]:
+        """Run the body again and again while the i1 that `condition` writes holds."""
+        head, body, done = self.label("head"), self.label("body"), self.label("done")
+        self.do(f"br label %{head}")
+        self.begin(head)
+        self.do(f"br i1 {condition()}, label %{body}, label %{done}")
+        self.begin(body)
+        yield
         self.do(f"br label %{head}")
         self.begin(done)
 

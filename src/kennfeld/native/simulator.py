@@ -30,7 +30,7 @@ class Simulator:
             lowered.axes,
             tuple(state.latency for state in lowered.graph.states),
         )
-        self._axes = np.concatenate([np.zeros(0), *lowered.axes])
+        self._axes = self._layout.breakpoints
         self._roots = tuple(roots)
         codes = [values_code(self._line, self._layout, roots)]
         if self._line.states:

@@ -23,7 +23,8 @@ from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.engine import Engine
 from kennfeld.native.entries import entry_items
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.tables import search_function, smooth_function
+from kennfeld.native.smoothing import smooth_function
+from kennfeld.native.tables import search_function
 
 __all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "start_code", "tape_code", "values_code"]
 
