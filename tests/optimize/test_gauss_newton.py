@@ -3,6 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from kennfeld.native import Cholesky
 from kennfeld.optimize.gauss_newton import Settings, Stop, gauss_newton
 from kennfeld.optimize.quadratic import Limits
 
@@ -30,6 +31,9 @@ class Residuals:
 
     def floor(self, diagonal):
         return np.zeros_like(diagonal)
+
+    def cholesky(self, size):
+        return Cholesky(size)
 
 
 def rosenbrock(small=True, scale=(1.0, 1.0)):

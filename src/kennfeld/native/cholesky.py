@@ -100,6 +100,11 @@ class Cholesky:
         self._least = 0.0  # work of the envelope when its order was found
         self._take(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
 
+    @property
+    def size(self) -> int:
+        """How many rows its matrices have."""
+        return self._factor.envelope.size
+
     def _take(self, envelope: Envelope) -> None:
         self._factor = Factor(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
 

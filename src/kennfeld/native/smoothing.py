@@ -151,9 +151,9 @@ def _differences(f: Function, first: str, end: str) -> None:
     """Weights from ramps, in place: a grid point's weight is the share climbed before it less that after it."""
     arrays = ("%weights", "%slopes")
     climbed = f.slot("double", 4)  # ramp and its slope at the left end; share and its slope of the interval before
-    for at, (array, share) in enumerate(zip(arrays, (1.0, 0.0), strict=True)):
+    for at, (array, before) in enumerate(zip(arrays, (1.0, 0.0), strict=True)):
         f.store(f.load(array, first), climbed, at)
-        f.store(literal(share), climbed, at + 2)
+        f.store(literal(before), climbed, at + 2)
     with f.loop(first, f.add(end, -1)) as cell:
         right = f.add(cell, 1)
         gap = f.new(f"fsub double {f.load('%points', right)}, {f.load('%points', cell)}")

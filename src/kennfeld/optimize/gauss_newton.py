@@ -44,6 +44,9 @@ class Objective(Protocol):
     def floor(self, diagonal: Float) -> Float:
         """The least scale of each value, given the diagonal of the Gauss-Newton matrix."""
 
+    def cholesky(self, size: int) -> Cholesky:
+        """What factors the matrix of `size` of its values; it knows the zeros of those before."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -127,10 +130,10 @@ class _Linearised:
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
 
-    def factor(self, damping: float, cholesky: Cholesky) -> tuple[Factor, Float] | None:
+    def factor(self, damping: float) -> tuple[Factor, Float] | None:
         """Factor of the damped matrix and the step without limits; None where it is not positive definite."""
         if self.matrix is not None:
-            factor = cholesky.factor(self.matrix, damping * self.scale)
+            factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damping * self.scale)
             return None if factor is None else (factor, factor.solve(-self.gradient))
         stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
         upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
@@ -226,7 +229,6 @@ class _Descending:
 
     def _iterate(self, movable: Int) -> Descent:
         narrow = self.limits.narrowed(movable, self.at)
-        self.cholesky = Cholesky(0 if self.objective.small else movable.size)
         while self.iterations < self.settings.max_iterations:
             line = _Linearised(self.objective, self.at, movable, self.cost, self.scale)
             self.scale = line.scale
@@ -242,7 +244,7 @@ class _Descending:
     def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
         """Raise the damping until a step lowers the cost; None to go on from there."""
         while self.damping < MOST_DAMPING:
-            found = line.factor(self.damping, self.cholesky)
+            found = line.factor(self.damping)
             if found is None:
                 self._harder()
                 continue

@@ -5,6 +5,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import InputError
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
+from kennfeld.native import Cholesky
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.quadratic import Limits, pins
 
@@ -23,6 +24,7 @@ class SumOfSquares:
         self._free = compiled.values.free
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+        self._cholesky = Cholesky(0 if self._small else self._free)
 
     @property
     def small(self) -> bool:
@@ -58,6 +60,12 @@ class SumOfSquares:
         residual, jacobian = self._compiled.accumulator.rows(self._values(values))
         rough, rows = self._compiled.roughness.rows(values)
         return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
+
+    def cholesky(self, size: int) -> Cholesky:
+        """What factors the matrix of `size` of the values."""
+        if self._cholesky.size != size:
+            self._cholesky = Cholesky(size)
+        return self._cholesky
 
     def floor(self, diagonal: Float) -> Float:
         """A share of the mean curvature in the same table, so that values hardly touched by data do not run away."""

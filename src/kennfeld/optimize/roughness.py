@@ -81,8 +81,9 @@ class Roughness:
         places = self.columns[:, :, None] * self.size + self.columns[:, None, :]
         products = self.coefficients[:, :, None] * self.coefficients[:, None, :]
         where, at = np.unique(places, return_inverse=True)
-        entries = np.bincount(at.ravel(), products.ravel(), minlength=where.size)
-        return where // max(self.size, 1), where % max(self.size, 1), entries
+        entries = np.bincount(at.ravel(), products.ravel(), minlength=where.size).astype(np.float64)
+        rows, columns = np.divmod(where.astype(np.int64), max(self.size, 1))
+        return rows, columns, entries
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Residuals and Jacobian rows whose squares are the penalty."""
