@@ -139,6 +139,7 @@ def calibrate(
 
 def _calibrate(project: "Project", folder: Path) -> int:
     from kennfeld.project.results import require_room, write
+    from kennfeld.terminal.choices import choices
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
@@ -154,6 +155,7 @@ def _calibrate(project: "Project", folder: Path) -> int:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
     say(*aligned(result.table()), "", f"{result.status}: {result.message}")
+    say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:

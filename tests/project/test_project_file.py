@@ -151,6 +151,17 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
         Project.read(shop.path)
 
 
+@pytest.mark.parametrize("given", ["'auto'", "{ x = 'auto' }"])
+def test_smoothness_may_be_automatic(shop, given):
+    problem = shop.add(f"[parameters.Gain]\nsmoothness = {given}").project.problem()
+    assert problem.automatic_names == ("Gain",)
+
+
+def test_a_word_that_is_no_smoothness_is_refused(shop):
+    expected = "smoothness x: 'automatic' is no factor. Write a number from 0 on, or \"auto\"."
+    assert expected in shop.add("[parameters.Gain]\nsmoothness = { x = 'automatic' }").error()
+
+
 @pytest.mark.parametrize(
     "section",
     [
@@ -160,8 +171,6 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
         "[optimizer]\nstarts = 5",
         "[optimizer]\nsave_every = 10",
         "[parameters.Gain]\ngradient = { x = [0, inf] }",
-        "[parameters.Gain]\nsmoothness = 'auto'",
-        "[parameters.Gain]\nsmoothness = { x = 'auto' }",
         "[[dataset]]\nfiles = 'bench.csv'\nshift = 'auto'",
         "[[dataset]]\nfiles = 'bench.csv'\nshift = { Torque = 'auto' }",
     ],

@@ -16,7 +16,7 @@ from kennfeld.models.formula import formula
 from kennfeld.optimize.binding import bind
 from kennfeld.optimize.calibration import Options, Progress, run
 from kennfeld.optimize.criterion import Criterion, Pin
-from kennfeld.optimize.problem import Problem, Smoothness
+from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
@@ -37,7 +37,7 @@ def calibrate(
     criteria: Sequence[Criterion] = (),
     test: Data | Sequence[Data] = (),
     free: Sequence[str] = ("*",),
-    smoothness: float | Smoothness = 0.0,
+    smoothness: Factor | Smoothness = 0.0,
     limits: Mapping[str, tuple[float, float]] | None = None,
     pins: Sequence[Pin] = (),
     channels: Mapping[str, str] | None = None,
@@ -55,7 +55,8 @@ def calibrate(
         criteria: several targets, with weights and losses.
         test: data that are scored, never fitted.
         free: glob patterns of the parameters to fit; the others are kept.
-        smoothness: factor for all tables, or by parameter, or by parameter and axis.
+        smoothness: factor for all tables, or by parameter, or by parameter and axis; "auto" in place of a factor has
+            it chosen from the data.
         limits: lower and upper bound of all values of a parameter, in its unit, by name.
         pins: values that hold exactly at a coordinate.
         channels: the channel of a model input, where the names differ.
@@ -129,25 +130,34 @@ def _bounded(parameters: ParameterSet, limits: Mapping[str, tuple[float, float]]
     return parameters.with_parameters(*(parameters[name].with_bounds(*pair) for name, pair in limits.items()))
 
 
-def _factors(given: float | Smoothness, parameters: ParameterSet) -> dict[str, tuple[float, ...]]:
+def _factors(given: Factor | Smoothness, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
     """Smoothness factors of each axis of each table, checked."""
     by_name = given if isinstance(given, Mapping) else dict.fromkeys(parameters, given)
-    factors = {}
+    factors: dict[str, tuple[Factor, ...]] = {}
     for name, value in by_name.items():
         if name not in parameters:
             raise ArgumentError(f"smoothness: {name} is no parameter. {nearest(name, parameters)}".strip())
         axes = len(parameters[name].axes)
-        try:
-            array = np.asarray(value, dtype=np.float64)
-            array = np.broadcast_to(array, (axes,)) if array.ndim == 0 else array
-        except TypeError:
-            raise ArgumentError(f"smoothness={value!r} of {name} must be a number, or one for each axis") from None
-        if array.shape != (axes,) or not np.all((array >= 0) & np.isfinite(array)):
+        single = isinstance(value, str) or np.ndim(value) == 0
+        found = [_factor(factor) for factor in ((value,) * axes if single else value)]  # type: ignore[union-attr]
+        if len(found) != axes or None in found:
             raise ArgumentError(
-                f"smoothness={value!r} of {name} must be a number from 0 on, or one for each of its {axes} axes"
+                f"smoothness={value!r} of {name} must be a number from 0 on, or one for each of its {axes} axes, "
+                'or "auto" in their place'
             )
-        factors[name] = tuple(float(factor) for factor in array)
+        factors[name] = tuple(factor for factor in found if factor is not None)
     return factors
+
+
+def _factor(given: Any) -> Factor | None:
+    """A factor as it is used; None where it is none."""
+    if isinstance(given, str):
+        return "auto" if given == "auto" else None
+    try:
+        factor = float(given)
+    except (TypeError, ValueError):
+        return None
+    return factor if 0 <= factor < np.inf else None
 
 
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:

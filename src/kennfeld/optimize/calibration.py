@@ -10,6 +10,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.optimize.automatic import Choice, chosen
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.objective import SumOfSquares, limits_of
@@ -73,9 +74,12 @@ class _Run:
         given = self.objective.start
         limits = limits_of(self.problem, self.exact)
         start, remark = project(given, limits)
+        choice = self._choose(start, limits)
         before = self.objective.cost(given)
         infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits)
+        end = infeasible if start is None else self._descend(start, limits, choice)
+        if choice is not None and self.continuation is not None and end.status != "stopped":
+            choice, end = self._again(choice, end, limits)
         full = self.exact.start.copy()
         full[: end.values.size] = end.values
         parameters = self.exact.values.unpack(full, self.problem.parameters)
@@ -98,20 +102,41 @@ class _Run:
             fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             trust=trust,
+            smoothness={} if choice is None else choice.by_direction,
         )
 
-    def _descend(self, start: Float, limits: Limits) -> Descent:
+    def _choose(self, start: Float | None, limits: Limits) -> Choice | None:
+        """The automatic smoothness factors, which all descents then use; None where there are none to choose."""
+        if start is None or not self.problem.automatic_names:
+            return None
+        choice = chosen(self.exact, start, limits, self.options.settings, self._report)
+        if self.continuation is not None:
+            self.continuation.use(self.exact.roughness)
+        return choice
+
+    def _again(self, choice: Choice, end: Descent, limits: Limits) -> tuple[Choice, Descent]:
+        """The factors chosen once more at the end of a search that smoothed lookups, and the descent with them."""
+        settings = self.options.settings
+        better = chosen(self.exact, end.values, limits, settings, self._report, choice)
+        last = gauss_newton(self.objective, better.fit.values, limits, settings, partial(self._report, "plain"))
+        effort = {n: getattr(end, n) + getattr(better.fit, n) + getattr(last, n) for n in ("iterations", "evaluations")}
+        return better, replace(last, **effort)
+
+    def _descend(self, start: Float, limits: Limits, choice: Choice | None = None) -> Descent:
         """The end of the lowest cost: of the plain descent and, where there are creases, of continuations.
 
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
-        long one is worth its time.
+        long one is worth its time. Where smoothness was chosen, the plain descent goes on from the fit of that choice.
         """
         settings = self.options.settings
+        if choice is not None and choice.fit.status == "stopped":
+            return choice.fit
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
         if not ends or ends[-1].status != "stopped":
-            ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
+            plain = start if choice is None else choice.fit.values
+            ends.append(gauss_newton(self.objective, plain, limits, settings, partial(self._report, "plain")))
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
         return _lowest(ends)

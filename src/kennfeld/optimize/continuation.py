@@ -17,6 +17,7 @@ from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_n
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, smoothable
 from kennfeld.optimize.quadratic import Limits
+from kennfeld.optimize.roughness import Roughness
 
 __all__ = ["LONG", "SHORT", "Continuation", "Ladder"]
 
@@ -47,6 +48,10 @@ class Continuation:
     def of(cls, problem: Problem, exact: Compiled) -> "Continuation | None":
         """None where no lookup can be smoothed. `exact` is the compiled problem."""
         return cls(problem, exact) if smoothable(problem) else None
+
+    def use(self, roughness: Roughness) -> None:
+        """Take another penalty, of the same values."""
+        self._smooth.roughness = roughness
 
     def descend(self, ladder: Ladder, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
         """The end of the last stage, that of the exact model; where one was cut short, the better of start and end."""

@@ -58,6 +58,7 @@ class Result:
     """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
 
     `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
+    `smoothness` holds the factors of each table with an automatic one, by axis: x, y, z or w.
     """
 
     status: Status
@@ -74,6 +75,7 @@ class Result:
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
     trust: Mapping[str, Bool] = field(default_factory=dict)
+    smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def converged(self) -> bool:
@@ -90,6 +92,10 @@ class Result:
             "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
+            "smoothness": {
+                name: {axis: _number(factor) for axis, factor in factors.items()}
+                for name, factors in self.smoothness.items()
+            },
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
         }
 

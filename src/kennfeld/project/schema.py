@@ -16,6 +16,7 @@ __all__ = [
     "CalibrationEntry",
     "CriterionEntry",
     "DatasetEntry",
+    "Factor",
     "ModelEntry",
     "OptimizerEntry",
     "ParameterEntry",
@@ -26,6 +27,7 @@ __all__ = [
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
+Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
 
 
@@ -88,7 +90,7 @@ class ParameterEntry:
     initial: Float | None = None
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
-    smoothness: float | Mapping[str, float] | None = None
+    smoothness: Factor | Mapping[str, Factor] | None = None
     lock: bool | Literal["no-data"] | tuple[Range, ...] = False
     pins: tuple[PinEntry, ...] = ()
     extrapolation: Extrapolation | None = None
