@@ -25,6 +25,7 @@ __all__ = ["Choice", "chosen"]
 
 ROUNDS = 12
 PATH = (3, 2, 1, 0, -1)  # powers of ten of the factors tried first, relative to the data
+LIGHT = -2  # power of ten of the factors whose errors tell how many samples are independent
 RANGE = 1e7  # most and least factor, relative to the data
 SETTLED = 0.1  # gain of n times the criterion's logarithm below which another round is not worth it
 NEAR = 0.1  # radius of the logarithms within which trials end
@@ -43,6 +44,7 @@ class Choice:
     factors: Mapping[str, tuple[float, ...]]
     logarithms: Float
     fit: Descent
+    samples: float
 
     @property
     def by_direction(self) -> dict[str, dict[str, float]]:
@@ -124,7 +126,8 @@ class _Choosing:
         self.compiled, self.limits, self.report = compiled, limits, report
         self.problem = compiled.problem
         self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, settings.max_iterations))
-        self.samples = samples or (lambda values: scored(compiled))
+        self.independent = samples
+        self.samples = scored(compiled)  # one number for all rounds, so that they compare
         self.objective = SumOfSquares(compiled)
         blocks = list(_blocks(compiled))
         self.sought = [block for block in blocks if block.given is None]
@@ -133,16 +136,23 @@ class _Choosing:
 
     def run(self, start: Float, known: Choice | None) -> Choice:
         """Choose, from factors already known or anew."""
-        best = self._anew(start) if known is None else self._improved(self._fitted(known.logarithms, start))
+        if known is None:
+            best = self._anew(start)
+        else:
+            self.samples = known.samples
+            best = self._improved(self._fitted(known.logarithms, start))
         self._use(best.logarithms)
         cost = self.objective.cost(best.fit.values)
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
-        return Choice(self._factors(best.logarithms), best.logarithms, fit)
+        return Choice(self._factors(best.logarithms), best.logarithms, fit, self.samples)
 
     def _anew(self, start: Float) -> _Round:
         """The better of two: from factors that weigh as much as the data, and from the best of a path."""
         scales = self._scales(self._data(start)[1])
         reference = np.log(scales, out=np.full(scales.size, NONE), where=scales > 0)
+        if self.independent is not None:
+            # errors of a stiff fit resemble each other because it is stiff
+            self.samples = self.independent(self._fitted(reference + LIGHT * np.log(10), start).fit.values)
         best = self._improved(self._fitted(reference, start))
         if best.cut_short:
             return best
@@ -170,7 +180,7 @@ class _Choosing:
     def _improved(self, best: _Round) -> _Round:
         """Better and better factors, from those of a fit, until no more is to be gained."""
         radius, last = np.inf, self.rounds + ROUNDS
-        while best.prediction is not None and self.rounds < last and radius > NEAR:
+        while np.isfinite(best.value) and self.rounds < last and radius > NEAR:
             proposal, gain = best.proposed(radius)
             if gain < SETTLED:
                 break
@@ -206,7 +216,7 @@ class _Choosing:
         limits = self.limits
         held = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
         misfit = self.compiled.accumulator.cost(self._full(values))
-        fit = Linearised(values, misfit, gradient, matrix, limits.movable & ~held, limits.matrix, self.samples(values))
+        fit = Linearised(values, misfit, gradient, matrix, limits.movable & ~held, limits.matrix, self.samples)
         blocks = [block.unit for block, good in zip(self.sought, live, strict=True) if good]
         return Prediction(fit, blocks, self.given)
 

@@ -12,6 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.automatic import Choice, chosen
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
+from kennfeld.optimize.correlation import independent_samples
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.objective import SumOfSquares, limits_of
 from kennfeld.optimize.problem import Compiled, Problem
@@ -20,6 +21,7 @@ from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "run"]
 
@@ -80,9 +82,7 @@ class _Run:
         end = infeasible if start is None else self._descend(start, limits, choice)
         if choice is not None and self.continuation is not None and end.status != "stopped":
             choice, end = self._again(choice, end, limits)
-        full = self.exact.start.copy()
-        full[: end.values.size] = end.values
-        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        parameters = self._unpacked(end.values)
         trust = self._informed(end)
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
@@ -109,10 +109,23 @@ class _Run:
         """The automatic smoothness factors, which all descents then use; None where there are none to choose."""
         if start is None or not self.problem.automatic_names:
             return None
-        choice = chosen(self.exact, start, limits, self.options.settings, self._report)
+        settings = self.options.settings
+        choice = chosen(self.exact, start, limits, settings, self._report, None, self._counting)
         if self.continuation is not None:
             self.continuation.use(self.exact.roughness)
         return choice
+
+    @property
+    def _counting(self) -> Callable[[Float], float] | None:
+        """What counts the independent training samples by the errors with some free values; None where all are."""
+        if all(bound.dataset.time is None for bound in self.problem.training):
+            return None
+        return lambda values: independent_samples(self.problem, self.scorer.errors, self._unpacked(values))
+
+    def _unpacked(self, values: Float) -> ParameterSet:
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
 
     def _again(self, choice: Choice, end: Descent, limits: Limits) -> tuple[Choice, Descent]:
         """The factors chosen once more at the end of a search that smoothed lookups, and the descent with them."""

@@ -7,8 +7,7 @@ __all__ = ["choices"]
 
 def choices(result: Result) -> list[str]:
     """A line for each table with automatic smoothness, and for each channel whose shift was found."""
-    lines = [
+    return [
         f"smoothness of {name}: {', '.join(f'{axis} {factor:.3g}' for axis, factor in factors.items())}"
         for name, factors in result.smoothness.items()
     ]
-    return lines
