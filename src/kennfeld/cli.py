@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -127,6 +127,15 @@ def calibrate(
             "-o", "--output", help="Folder for the results.", show_default="results beside the project", metavar="DIR"
         ),
     ] = None,
+    folds: Annotated[
+        int | None,
+        typer.Option(
+            "--cross-validate", help="Then hold back each of K parts in turn.", show_default=False, metavar="K", min=2
+        ),
+    ] = None,
+    parts: Annotated[
+        str, typer.Option("--parts", help="What is held back: auto, files, blocks or random.", metavar="KIND")
+    ] = "auto",
 ) -> int:
     """Find the values that fit best, and write them.
 
@@ -134,7 +143,31 @@ def calibrate(
     """
     from kennfeld.project import Project
 
-    return _calibrate(Project.read(path), output or path.parent / "results")
+    if parts not in ("auto", "files", "blocks", "random"):
+        raise InputError.of("--parts", f"{parts!r} is unknown", "Write auto, files, blocks or random.")
+    project, folder = Project.read(path), output or path.parent / "results"
+    status = _calibrate(project, folder)
+    if folds is None or status == INTERRUPTED:
+        return status
+    return max(status, _cross_validate(project, folder, folds, parts))
+
+
+def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
+    from kennfeld.analysis import cross_validated
+    from kennfeld.project.results import write_json
+    from kennfeld.terminal.interrupt import Interrupt
+    from kennfeld.terminal.progress import display
+    from kennfeld.terminal.table import aligned
+
+    try:
+        with Interrupt() as interrupt, display("compiling") as shown:
+            found = cross_validated(project.problem(), folds, parts, 0, project.options, interrupt.watch(shown))
+    except KeyboardInterrupt:
+        complain("Stopped before there was anything to write.")
+        return INTERRUPTED
+    path = write_json(found.as_json(), folder / "cross_validation.json")
+    say("", *aligned(found.table()), "", *found.summary(), f"Written to {path}")
+    return INTERRUPTED if interrupt.pressed else DONE
 
 
 def _calibrate(project: "Project", folder: Path) -> int:

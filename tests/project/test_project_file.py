@@ -162,6 +162,28 @@ def test_a_word_that_is_no_smoothness_is_refused(shop):
     assert expected in shop.add("[parameters.Gain]\nsmoothness = { x = 'automatic' }").error()
 
 
+def test_a_shift_may_be_automatic_for_each_channel(shop):
+    shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nshift = { Torque = "auto", n = 1 }')
+    assert shop.project.problem().unknown_shifts == {"bench": ("Torque",)}
+
+
+def test_a_shift_is_automatic_for_named_channels_only(shop):
+    shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nshift = "auto"')
+    assert '"auto" stands for one channel. Write shift = { Channel = "auto" }.' in shop.error()
+
+
+def test_a_channel_that_others_are_calculated_from_has_no_automatic_shift(shop):
+    shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nshift = { Load = "auto" }')
+    shop.change('Speed = "n"', 'Speed = "n"\nLoad = "half"').add("[calculated]\nhalf = 'Load / 2'")
+    assert 'Load cannot be "auto", since [calculated] half is made of it' in shop.error()
+
+
+def test_a_test_dataset_cannot_find_a_shift_by_itself(shop):
+    shop.bench("fresh.csv")
+    shop.add("[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'\nshift = { Torque = 'auto' }")
+    assert "the shift of Torque is found on training data, and none asks for it" in shop.error()
+
+
 @pytest.mark.parametrize(
     "section",
     [
@@ -171,8 +193,6 @@ def test_a_word_that_is_no_smoothness_is_refused(shop):
         "[optimizer]\nstarts = 5",
         "[optimizer]\nsave_every = 10",
         "[parameters.Gain]\ngradient = { x = [0, inf] }",
-        "[[dataset]]\nfiles = 'bench.csv'\nshift = 'auto'",
-        "[[dataset]]\nfiles = 'bench.csv'\nshift = { Torque = 'auto' }",
     ],
 )
 def test_what_a_later_version_brings_is_refused_not_ignored(shop, section):

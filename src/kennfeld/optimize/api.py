@@ -1,7 +1,7 @@
 """`calibrate` and `simulate` for those who write Python."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from kennfeld.optimize.criterion import Criterion, Pin
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize.shifting import shifted
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
 __all__ = ["calibrate", "resolved", "simulate"]
@@ -41,6 +42,7 @@ def calibrate(
     limits: Mapping[str, tuple[float, float]] | None = None,
     pins: Sequence[Pin] = (),
     channels: Mapping[str, str] | None = None,
+    shift: Mapping[str, float | Literal["auto"]] | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -60,6 +62,8 @@ def calibrate(
         limits: lower and upper bound of all values of a parameter, in its unit, by name.
         pins: values that hold exactly at a coordinate.
         channels: the channel of a model input, where the names differ.
+        shift: moves channels of all data, value(t) = recorded(t - shift), in s, for steady-state points in samples;
+            "auto" finds the shift that fits best, for each training dataset.
         options: iterations, tolerance, continuation.
         progress: called after each accepted step; may raise `Stop`.
 
@@ -79,8 +83,9 @@ def calibrate(
     if isinstance(free, str):
         raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
     tables = _factors(smoothness, parameters)
+    datasets, unknown = _moved((*training, *scored), shift or {})
     problem = Problem(
-        ready, (*training, *scored), parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}
+        ready, datasets, parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}, unknown
     )
     _check(problem)
     return run(problem, options or Options(), progress)
@@ -158,6 +163,21 @@ def _factor(given: Any) -> Factor | None:
     except (TypeError, ValueError):
         return None
     return factor if 0 <= factor < np.inf else None
+
+
+def _moved(
+    datasets: Sequence[Dataset], shift: Mapping[str, float | Literal["auto"]]
+) -> tuple[tuple[Dataset, ...], dict[str, tuple[str, ...]]]:
+    """The datasets with known shifts applied, and the channels of each whose shift is to be found."""
+    channels = {channel for data in datasets for channel in data}
+    for name, by in shift.items():
+        if name not in channels:
+            raise ArgumentError(f"shift: there is no channel {name}. {nearest(name, channels)}".strip())
+        if by != "auto" and (isinstance(by, str) or not np.isfinite(by)):
+            raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
+    known = {name: float(by) for name, by in shift.items() if by != "auto"}
+    unknown = tuple(name for name, by in shift.items() if by == "auto")
+    return tuple(shifted(data, known) for data in datasets), {d.name: unknown for d in datasets} if unknown else {}
 
 
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:

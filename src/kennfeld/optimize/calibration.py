@@ -14,6 +14,7 @@ from kennfeld.optimize.automatic import Choice, chosen
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.correlation import independent_samples
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.lag import at_the_end, with_shifts_found
 from kennfeld.optimize.objective import SumOfSquares, limits_of
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
@@ -50,9 +51,28 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
+    if problem.unknown_shifts:
+        return _shifted_run(problem, options, progress, seconds)
     running = _Run(problem, options, progress, seconds or Seconds())
     with blas_threads(running.exact.values.free):
         return running.result()
+
+
+def _shifted_run(problem: Problem, options: Options, progress: Progress | None, seconds: Seconds | None) -> Result:
+    """Find the shifts first; the calibration then uses them."""
+    _require(problem)
+    began = time.perf_counter()
+    with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
+        ready, shifts = with_shifts_found(problem)
+    searched = time.perf_counter() - began
+    result = run(ready, options, progress, seconds)
+    spent = result.seconds
+    return replace(
+        result,
+        message=" ".join(part for part in (result.message, at_the_end(problem, shifts)) if part),
+        shifts=shifts,
+        seconds=replace(spent, total=spent.total + searched, optimize=spent.optimize + searched),
+    )
 
 
 class _Run:

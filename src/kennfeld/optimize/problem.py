@@ -33,7 +33,7 @@ class Problem:
     """Everything a calibration needs, with nothing computed yet.
 
     `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
-    "auto" in its place.
+    "auto" in its place. `unknown_shifts` names, by dataset, the channels whose shift is to be found.
     `channels` names the channel of a model input where the names differ.
     """
 
@@ -45,6 +45,7 @@ class Problem:
     smoothness: Smoothness = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:

@@ -59,6 +59,7 @@ class Result:
 
     `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
     `smoothness` holds the factors of each table with an automatic one, by axis: x, y, z or w.
+    `shifts` holds the shifts that were found, by dataset and channel, in s; for steady-state data in samples.
     """
 
     status: Status
@@ -76,6 +77,7 @@ class Result:
     seconds: Seconds = field(default_factory=Seconds)
     trust: Mapping[str, Bool] = field(default_factory=dict)
     smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def converged(self) -> bool:
@@ -96,6 +98,7 @@ class Result:
                 name: {axis: _number(factor) for axis, factor in factors.items()}
                 for name, factors in self.smoothness.items()
             },
+            "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
         }
 

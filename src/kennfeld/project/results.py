@@ -4,7 +4,7 @@ import csv
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields
 from pathlib import Path
@@ -19,7 +19,7 @@ from kennfeld.errors import InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Simulated", "require_room", "write", "write_simulation"]
+__all__ = ["Simulated", "require_room", "write", "write_json", "write_simulation"]
 
 ELSEWHERE = "Name another folder with -o."
 
@@ -31,7 +31,9 @@ class Simulated(Protocol):
     def formats(self) -> Sequence[str]:
         """File endings of the calibration formats asked for, such as `.dcm`."""
 
-    def simulate(self, parameters: ParameterSet | None = None) -> list[Dataset]:
+    def simulate(
+        self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
+    ) -> list[Dataset]:
         """Nodes and targets over all datasets."""
 
 
@@ -41,7 +43,7 @@ def write(result: Result, project: Simulated, folder: str | Path) -> tuple[Path,
     Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
     """
     target = Path(folder)
-    simulation = project.simulate(result.parameters)
+    simulation = project.simulate(result.parameters, result.shifts)
     with _written_beside(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
             write_parameters(result.parameters, scratch / f"parameters{ending}")
@@ -66,6 +68,14 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
         _save(datasets, scratch / target.name)
         _move([target.name], scratch, target.parent)
     return target
+
+
+def write_json(content: Any, path: Path) -> Path:
+    """Write one more JSON file into a folder of results, whole or not at all."""
+    with _written_beside(path.parent) as scratch:
+        _write_json(content, scratch / path.name)
+        _move([path.name], scratch, path.parent)
+    return path
 
 
 def require_room(folder: str | Path) -> None:

@@ -53,6 +53,7 @@ class DatasetEntry:
     warmup: float = 0.0
     max_gap: float = 0.0
     shift: Mapping[str, float] | None = None
+    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be found
 
 
 @dataclass(frozen=True)
