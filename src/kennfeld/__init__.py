@@ -14,6 +14,7 @@ TYPE_CHECKING = False  # type checkers take this name for true; the module `typi
 if TYPE_CHECKING:
     from typing import Any
 
+    from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.dataset import Channel, Dataset
     from kennfeld.errors import InputError, KennfeldError
@@ -48,6 +49,7 @@ __all__ = [
     "Stop",
     "Text",
     "calibrate",
+    "cross_validate",
     "formula",
     "read",
     "read_parameters",
@@ -57,6 +59,7 @@ __all__ = [
 __version__ = "0.1.0"
 
 _ROOMS = {
+    "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
     "dataset": ("Channel", "Dataset"),
     "errors": ("InputError", "KennfeldError"),

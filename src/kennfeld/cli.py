@@ -130,7 +130,7 @@ def calibrate(
     folds: Annotated[
         int | None,
         typer.Option(
-            "--cross-validate", help="Then hold back each of K parts in turn.", show_default=False, metavar="K", min=2
+            "--cross-validate", help="Then hold back each of K parts in turn.", show_default=False, metavar="K"
         ),
     ] = None,
     parts: Annotated[
@@ -143,6 +143,8 @@ def calibrate(
     """
     from kennfeld.project import Project
 
+    if folds is not None and folds < 2:
+        raise InputError.of("--cross-validate", f"{folds} is no number of parts", "Write 2 or more.")
     if parts not in ("auto", "files", "blocks", "random"):
         raise InputError.of("--parts", f"{parts!r} is unknown", "Write auto, files, blocks or random.")
     project, folder = Project.read(path), output or path.parent / "results"

@@ -119,7 +119,7 @@ def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
 
 
 def test_a_channel_without_a_part_cannot_be_shifted():
-    with pytest.raises(kf.KennfeldError, match="there is no channel Torqe. Did you mean Torque"):
+    with pytest.raises(kf.KennfeldError, match=r"there is no channel Torqe\. Did you mean Torque"):
         calibrated(bench(0), {"Torqe": "auto"})
     data = bench(0).with_channels(kf.Channel("Lambda", np.ones(1200)))
     with pytest.raises(kf.InputError, match="Lambda is neither an input of the function nor a target"):

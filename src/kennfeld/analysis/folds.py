@@ -71,14 +71,11 @@ def _whole(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], cou
         sizes[at] += piece.stop - piece.start
         names[at].setdefault(datasets[i].name, []).append(numbers[i].index(piece.start) + 1)
     single = {data.name: len(data.pieces) == 1 for data in datasets}
-    return [
-        Fold(
-            ", ".join(_named(name, found, single[name]) for name, found in named.items()),
-            tuple(masks),
-            tuple(_masks(datasets)),
-        )
-        for named, masks in zip(names, held, strict=True)
+    titles = [
+        ", ".join(_named(data.name, named[data.name], single[data.name]) for data in datasets if data.name in named)
+        for named in names
     ]
+    return [Fold(title, tuple(masks), tuple(_masks(datasets))) for title, masks in zip(titles, held, strict=True)]
 
 
 def _named(dataset: str, pieces: Sequence[int], single: bool) -> str:

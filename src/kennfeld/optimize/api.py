@@ -22,10 +22,43 @@ from kennfeld.optimize.scoring import Nodes
 from kennfeld.optimize.shifting import shifted
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
-__all__ = ["calibrate", "resolved", "simulate"]
+__all__ = ["calibrate", "problem_of", "resolved", "simulate"]
 
 Data = Dataset | Mapping[str, ArrayLike]
 Start = ParameterSet | Mapping[str, float | Parameter]
+
+
+def problem_of(
+    model: Model | str,
+    data: Data | Sequence[Data],
+    start: Start,
+    target: str | float | None = None,
+    *,
+    node: str | None = None,
+    criteria: Sequence[Criterion] = (),
+    test: Data | Sequence[Data] = (),
+    free: Sequence[str] = ("*",),
+    smoothness: Factor | Smoothness = 0.0,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    pins: Sequence[Pin] = (),
+    channels: Mapping[str, str] | None = None,
+    shift: Mapping[str, float | Literal["auto"]] | None = None,
+) -> Problem:
+    """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
+    parameters = _bounded(_parameters(start), limits or {})
+    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
+    training, scored = _datasets(data, "training"), _datasets(test, "test")
+    if target is not None:
+        criteria = (Criterion(_output(ready, node), target), *criteria)
+    if isinstance(free, str):
+        raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
+    tables = _factors(smoothness, parameters)
+    datasets, unknown = _moved((*training, *scored), shift or {})
+    problem = Problem(
+        ready, datasets, parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}, unknown
+    )
+    _check(problem)
+    return problem
 
 
 def calibrate(
@@ -75,19 +108,21 @@ def calibrate(
     >>> result.status, round(result.parameters["b"].value, 9)
     ('converged', 2.0)
     """
-    parameters = _bounded(_parameters(start), limits or {})
-    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
-    training, scored = _datasets(data, "training"), _datasets(test, "test")
-    if target is not None:
-        criteria = (Criterion(_output(ready, node), target), *criteria)
-    if isinstance(free, str):
-        raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
-    tables = _factors(smoothness, parameters)
-    datasets, unknown = _moved((*training, *scored), shift or {})
-    problem = Problem(
-        ready, datasets, parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}, unknown
+    problem = problem_of(
+        model,
+        data,
+        start,
+        target,
+        node=node,
+        criteria=criteria,
+        test=test,
+        free=free,
+        smoothness=smoothness,
+        limits=limits,
+        pins=pins,
+        channels=channels,
+        shift=shift,
     )
-    _check(problem)
     return run(problem, options or Options(), progress)
 
 
@@ -173,11 +208,15 @@ def _moved(
     for name, by in shift.items():
         if name not in channels:
             raise ArgumentError(f"shift: there is no channel {name}. {nearest(name, channels)}".strip())
-        if by != "auto" and (isinstance(by, str) or not np.isfinite(by)):
+        if not _is_shift(by):
             raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
     known = {name: float(by) for name, by in shift.items() if by != "auto"}
     unknown = tuple(name for name, by in shift.items() if by == "auto")
     return tuple(shifted(data, known) for data in datasets), {d.name: unknown for d in datasets} if unknown else {}
+
+
+def _is_shift(given: Any) -> bool:
+    return given == "auto" if isinstance(given, str) else bool(np.ndim(given) == 0 and np.isfinite(given))
 
 
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
