@@ -12,6 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.global_search import Search, global_search, polished, unbounded
 from kennfeld.optimize.objective import SumOfSquares, limits_of
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
@@ -27,11 +28,18 @@ CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`."""
+    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
+
+    `method` `global` searches without gradients, for few values and a cost that jumps; all values need bounds.
+    `max_evaluations` is its budget, 500 (values + 4) where it is 0, and `seed` that of its random numbers.
+    """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    method: Literal["gauss-newton", "global"] = "gauss-newton"
+    max_evaluations: int = 0
+    seed: int = 0
 
     @property
     def settings(self) -> Settings:
@@ -56,12 +64,12 @@ class _Run:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
-        _require(problem)
+        _require(problem, options)
         self.problem, self.options, self.progress = problem, options, progress
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
-        smoothed = options.continuation != "off"
+        smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
         self.scorer = Scorer(problem)
         self.read = seconds.read
@@ -107,6 +115,10 @@ class _Run:
         long one is worth its time.
         """
         settings = self.options.settings
+        if self.options.method == "global":
+            search = Search(self.options.max_evaluations, self.options.seed)
+            found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
+            return polished(self.objective, found, limits, settings, partial(self._report, "polish"))
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
@@ -172,7 +184,7 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     return replace(best, **effort)
 
 
-def _require(problem: Problem) -> None:
+def _require(problem: Problem, options: Options) -> None:
     """Findings that leave nothing to fit."""
     findings = []
     if not problem.criteria:
@@ -189,6 +201,8 @@ def _require(problem: Problem) -> None:
             for c in problem.criteria
             if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
         ]
+    if options.method == "global":
+        findings += unbounded(problem)
     if findings:
         raise InputError(findings)
 
