@@ -156,7 +156,6 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
     [
         "[[limit]]\nnode = 'base'\nmax = 3",
         "[[step]]\ngrid_reduction = 2",
-        "[optimizer]\nmethod = 'global'",
         "[optimizer]\nstarts = 5",
         "[optimizer]\nsave_every = 10",
         "[parameters.Gain]\ngradient = { x = [0, inf] }",

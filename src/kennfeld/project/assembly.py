@@ -19,6 +19,7 @@ from kennfeld.project.criteria import build_criteria
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
+from kennfeld.project.method import method_findings
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.tables import Tables, build_tables
 
@@ -79,6 +80,7 @@ class _Assembling:
             return None
         problem = self._problem(self.function, tables, criteria, pins)
         self._check_samples(problem)
+        findings += method_findings(file, problem)
         return None if self._failed else self._locked(problem, tables)
 
     def _problem(

@@ -51,7 +51,9 @@ class Project:
         from kennfeld.optimize import Options
 
         given = self.file.optimizer
-        return Options(given.max_iterations, given.tolerance, given.continuation)
+        return Options(
+            given.max_iterations, given.tolerance, given.continuation, given.method, given.max_evaluations, given.seed
+        )
 
     @property
     def seconds_read(self) -> float:

@@ -132,6 +132,9 @@ class OptimizerEntry:
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    method: Literal["gauss-newton", "global"] = "gauss-newton"
+    max_evaluations: int = 0
+    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,17 +194,22 @@ def _optimizer(root: Section) -> OptimizerEntry:
     section = root.section("optimizer")
     if section is None:
         return OptimizerEntry()
-    section.choice("method", "gauss-newton", ("gauss-newton",), later=("global",))
+    method = section.choice("method", "gauss-newton", ("gauss-newton", "global"))
+    if method != "global" and section.has("max_evaluations"):
+        mend = 'Write method = "global", or max_iterations.'
+        section.report("max_evaluations", f"max_evaluations has no meaning for the method {method}", mend)
     if section.whole("starts", 1, 1) > 1:
         section.report("starts", f"more than one start {NEXT}", "Write starts = 1.")
     if section.whole("save_every", 0, 0) > 0:
         section.report("save_every", f"save_every {NEXT}", "Write save_every = 0.")
-    section.whole("seed", 0, 0)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),
         tolerance=section.number("tolerance", 1e-8, 0.0, above=True),
         continuation="off" if continuation == "off" else "auto",
+        method="global" if method == "global" else "gauss-newton",
+        max_evaluations=section.whole("max_evaluations", 0, 1),
+        seed=section.whole("seed", 0, 0),
     )
     section.end()
     return entry
