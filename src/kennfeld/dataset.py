@@ -41,6 +41,7 @@ class Dataset(Mapping[str, Channel]):
     `starts` holds the first sample of each piece; a model's states start anew there.
     `scored` marks the samples that count; the others are simulated only.
     `max_gap` is how long, in s, a gap of NaN in an input may be to be interpolated; longer ones end a piece.
+    `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
     Raises `ArgumentError` where lengths differ or time does not increase.
 
     >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
@@ -56,6 +57,7 @@ class Dataset(Mapping[str, Channel]):
     use: Use = "training"
     scored: Bool | None = None  # Bool[samples]
     max_gap: float = 0.0
+    weight_channel: str = ""
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -168,4 +170,5 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     scored = None
     if any(part.scored is not None for part in parts):
         scored = np.concatenate([np.ones(p.samples, bool) if p.scored is None else p.scored for p in parts])
-    return Dataset(name, channels, time, starts, parts[0].weight, parts[0].use, scored, parts[0].max_gap)
+    first = parts[0]
+    return Dataset(name, channels, time, starts, first.weight, first.use, scored, first.max_gap, first.weight_channel)

@@ -36,12 +36,18 @@ ZERO = literal(0.0)
 
 @dataclass(frozen=True)
 class Output:
-    """How the difference between a node and its target counts."""
+    """How the difference between a node and its target counts; node `weight` is a factor on the loss of each sample."""
 
     node: int
     scale: float = 1.0
     loss: Loss = "square"
     delta: float = 1.0
+    weight: int | None = None
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The nodes that its loss needs."""
+        return (self.node,) if self.weight is None else (self.node, self.weight)
 
 
 def needed_nodes(nodes: Sequence[Node], roots: Sequence[int]) -> list[int]:
@@ -137,9 +143,9 @@ def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
             f = step.f
             residual, scored = _residual(step, at, output)
             loss, _ = _loss(f, residual, output)
-            f.increase(f.select(scored, loss, ZERO), "%sums", at)
+            f.increase(f.select(scored, _weighted(step, loss, output), ZERO), "%sums", at)
 
-        return Item((output.node,), emit)
+        return Item(output.nodes, emit)
 
     tail = [add(at, output) for at, output in enumerate(outputs)]
     return _loop("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout)
@@ -163,6 +169,11 @@ def _counts(f: Function, at: int) -> str:
     """Whether an output has a target and a weight: what is switched off does not count, even where it is not finite."""
     weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
     return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
+
+
+def _weighted(step: Step, factor: str, output: Output) -> str:
+    """A factor of the loss, times the weight of the sample."""
+    return factor if output.weight is None else step.f.fmul(factor, step.value(output.weight))
 
 
 def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
@@ -198,7 +209,7 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
             residual, _ = _residual(step, at, output)
             scored = _counts(f, at)
             _, weight = _loss(f, residual, output)
-            scored_weight = f.fmul(weight, f.load("%scores", at))
+            scored_weight = _weighted(step, f.fmul(weight, f.load("%scores", at)), output)
             place = f.add(f.mul("%row", m), at)
             f.store(f.select(scored, residual, ZERO), "%residual", place)
             f.store(f.select(scored, scored_weight, ZERO), "%weight", place)
@@ -206,7 +217,7 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
                 slope = _output_slope(step, line, output, at, seed)
                 f.store(slope, "%c", f.add(f.mul(place, n), i))
 
-        needs = (output.node, *_present(line.slopes[at], line.seeds))
+        needs = (*output.nodes, *_present(line.slopes[at], line.seeds))
         return Item(needs, emit)
 
     def next_state(row: int) -> Item:

@@ -2,7 +2,7 @@
 
 from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.optimize.calibration import Options, Progress, run
-from kennfeld.optimize.criterion import Criterion, Limit, Pin, Target
+from kennfeld.optimize.criterion import Criterion, Limit, Pin, Region, Target
 from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Quality, Result, Seconds, TraceLine
@@ -15,6 +15,7 @@ __all__ = [
     "Problem",
     "Progress",
     "Quality",
+    "Region",
     "Result",
     "Seconds",
     "Stop",

@@ -19,6 +19,7 @@ from kennfeld.optimize.criterion import Criterion, Pin
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize.weighting import weight_findings
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
 __all__ = ["calibrate", "resolved", "simulate"]
@@ -179,6 +180,11 @@ def _check(problem: Problem) -> None:
     for pin in problem.pins:
         if not np.all(np.isfinite((*pin.at, pin.value))):
             findings.append(Finding(f"pin of {pin.parameter}", f"{pin.value} at {list(pin.at)} is not finite"))
+    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
+    weights = weight_findings(
+        problem.criteria, training, lambda i: f"criterion on {problem.criteria[i].node}", lambda d: f"dataset {d.name}"
+    )
+    findings += [finding for finding in weights if finding.severity == "error"]
     names = problem.model.graph.names
     channels = {channel for data in problem.datasets for channel in data}
     for criterion in problem.criteria:

@@ -1,7 +1,7 @@
 """A calibration problem: model, data, parameters and criteria; and its compiled form."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 
@@ -13,11 +13,12 @@ from kennfeld.graph import OPERATIONS, Builder, Graph
 from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
-from kennfeld.native import Accumulator, Kernel, Output, Samples
+from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
 from kennfeld.optimize.binding import Bound, bind
 from kennfeld.optimize.criterion import Criterion, Pin
 from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.weighting import Weighting
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "smoothable"]
@@ -120,15 +121,19 @@ class Compiled:
     def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
-        lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
+        self.weighting = Weighting.of(problem.criteria, problem.training)
+        graph = self.weighting.extended(problem.graph)
+        lowered = lower(_with_even_step(graph, problem.training), parameters, free if smooth_like else ())
         outputs = _outputs(problem)
-        self._split = split(lowered.graph, outputs, free)
+        self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], free)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
+        names = reduced.graph.names
+        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
         self.kernel = Kernel(
             reduced,
             [
-                Output(reduced.graph.names[name], c.scale, c.loss, c.delta)
-                for name, c in zip(outputs, problem.criteria, strict=True)
+                Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
+                for i, (name, c) in enumerate(zip(outputs, problem.criteria, strict=True))
             ],
             parameters,
             free,
@@ -143,13 +148,18 @@ class Compiled:
     @property
     def weights(self) -> float:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
-        samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [
-            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
-            for piece in samples.pieces
-        ]
+        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in self.samples.pieces]
         return float(sum(parts)) or 1.0
+
+    def _counts(self, piece: Piece) -> Float:
+        """How many samples of a piece each output scores; weighted ones count as much as their weight."""
+        part = slice(piece.first, piece.last)
+        scored = np.isfinite(self.samples.targets[:, part])
+        counts: Float = scored.sum(axis=1, dtype=np.float64)
+        for i, name in self.weighting.inputs.items():
+            counts[i] = self.samples.data[self.kernel.layout.inputs[name], part][scored[i]].sum()
+        return counts
 
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
@@ -157,10 +167,14 @@ class Compiled:
 
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
-        sources = [
-            Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.training
-        ]
+        sources = []
+        for bound in problem.training:
+            whole = replace(bound, columns={**bound.columns, **self.weighting.columns(bound)})
+            targets = [
+                partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
+                for i, c in enumerate(problem.criteria)
+            ]
+            sources.append(Source(whole, targets, self._scores(bound)))
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
     def _scores(self, bound: Bound) -> Float:

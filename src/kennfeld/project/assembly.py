@@ -20,6 +20,7 @@ from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
 from kennfeld.project.method import method_findings
+from kennfeld.project.samples import sample_findings, weight_channels
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.tables import Tables, build_tables
 
@@ -81,6 +82,7 @@ class _Assembling:
         problem = self._problem(self.function, tables, criteria, pins)
         self._check_samples(problem)
         findings += method_findings(file, problem)
+        findings += sample_findings(file, problem, self.loaded)
         return None if self._failed else self._locked(problem, tables)
 
     def _problem(
@@ -136,7 +138,8 @@ class _Assembling:
             for entry in file.criteria
             if entry.target.kind in ("channel", "name")
         }
-        optional = {**targets, **{name: why for name, why in quantiles.items() if name not in nodes}}
+        optional = {**weight_channels(file), **targets}
+        optional |= {name: why for name, why in quantiles.items() if name not in nodes}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
@@ -144,7 +147,7 @@ class _Assembling:
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of calculated channels that nothing uses; conditions may use any."""
-        conditions = " ".join(entry.where for entry in self.file.datasets)
+        conditions = " ".join([entry.where + " " + entry.weight_channel for entry in self.file.datasets])
         if self.function is None:
             return
         used = {*calculated.needed(names), *calculated.broken}

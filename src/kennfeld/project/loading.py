@@ -83,7 +83,8 @@ class _Loading:
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
         conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
-        self.required = {**dict(wanted.required), **conditions}
+        weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
+        self.required = {**dict(wanted.required), **conditions, **weights}
         self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
         self.failed = bool(entry.where) and self.where is None
 
@@ -193,7 +194,8 @@ class _Loading:
         name = self.entry.name or default_name(paths, self.entry.files[0])
         joined = concatenate(name, whole) if len(whole) > 1 else whole[0]
         use, weight = self.entry.use, self.entry.weight
-        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap)
+        sampled = self.entry.weight_channel
+        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap, weight_channel=sampled)
 
     def _check_units(self, parts: Sequence[Dataset]) -> None:
         units: dict[str, str] = {}

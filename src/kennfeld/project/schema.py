@@ -22,6 +22,7 @@ __all__ = [
     "PinEntry",
     "ProjectFile",
     "Range",
+    "RegionEntry",
     "TargetEntry",
 ]
 
@@ -51,6 +52,7 @@ class DatasetEntry:
     warmup: float = 0.0
     max_gap: float = 0.0
     shift: Mapping[str, float] | None = None
+    weight_channel: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,14 @@ class TargetEntry:
 
 
 @dataclass(frozen=True)
+class RegionEntry:
+    """One entry of `regions`."""
+
+    where: str
+    weight: float
+
+
+@dataclass(frozen=True)
 class CriterionEntry:
     """One `[[criterion]]`."""
 
@@ -114,6 +124,8 @@ class CriterionEntry:
     loss: Literal["square", "huber", "soft_l1"] = "square"
     delta: float = 1.0
     scale: float = 1.0
+    weight_channel: str = ""
+    regions: tuple[RegionEntry, ...] = ()
 
 
 @dataclass(frozen=True)

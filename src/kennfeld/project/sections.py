@@ -13,6 +13,7 @@ from kennfeld.project.schema import (
     ModelEntry,
     OptimizerEntry,
     ProjectFile,
+    RegionEntry,
     TargetEntry,
 )
 from kennfeld.project.section import NEXT, Section, finite
@@ -94,6 +95,7 @@ def _dataset(section: Section) -> DatasetEntry:
         warmup=section.number("warmup", 0.0, 0.0),
         max_gap=section.number("max_gap", 0.0, 0.0),
         shift=_shift(section),
+        weight_channel=section.text("weight_channel"),
     )
     section.end()
     return entry
@@ -165,9 +167,32 @@ def _criterion(section: Section) -> CriterionEntry:
         loss="huber" if loss == "huber" else "soft_l1" if loss == "soft_l1" else "square",
         delta=section.number("delta", 1.0, 0.0, above=True),
         scale=section.number("scale", 1.0, 0.0, above=True),
+        weight_channel=section.text("weight_channel"),
+        regions=_regions(section),
     )
     section.end()
     return entry
+
+
+def _regions(section: Section) -> tuple[RegionEntry, ...]:
+    given = section.get("regions")
+    example = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
+    if given is None:
+        return ()
+    if not isinstance(given, list) or not all(isinstance(item, dict) for item in given):
+        section.report("regions", "it must be a list of tables", example)
+        return ()
+    made = []
+    for number, item in enumerate(given, 1):
+        inner = Section(item, f"{section.place} region {number}", section.findings)
+        where, weight = inner.text("where"), inner.number("weight", 1.0, 0.0)
+        for key in ("where", "weight"):
+            if key not in item:
+                inner.report(key, "the key is missing", example)
+        inner.end()
+        if where:
+            made.append(RegionEntry(where, weight))
+    return tuple(made)
 
 
 def _target(section: Section) -> TargetEntry:
