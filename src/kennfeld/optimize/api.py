@@ -98,7 +98,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     findings = missing(ready.graph, [dataset], values, channels or {})
     if findings:
         raise InputError(findings)
-    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}), values)
+    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
 
 
 def resolved(model: Model, parameters: ParameterSet) -> Model:

@@ -10,6 +10,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
+from kennfeld.optimize.settling import AVERAGING, Hold, hold_of, is_settled, not_held
 
 __all__ = ["Bound", "bind"]
 
@@ -20,6 +21,8 @@ class Bound:
 
     `columns` holds the model's inputs, and `dt` and `t` where it reads them. `picked` are the dataset's samples in
     order, None for all; `starts` the first sample of each piece among them; `scored` marks the ones that count.
+    Where steady-state points are held until the model has settled, each is a piece that picks the same sample again and
+    again, of which the last counts; `hold` says how long.
     """
 
     dataset: Dataset
@@ -27,6 +30,7 @@ class Bound:
     picked: Int | None
     starts: Int
     scored: Bool
+    hold: Hold | None = None
 
     @property
     def count(self) -> int:
@@ -43,20 +47,33 @@ class Bound:
         values = self.dataset[name].values
         return values if self.picked is None else values[self.picked]
 
+    @property
+    def shown(self) -> "Bound":
+        """One sample a point where points are held, else the same."""
+        if self.hold is None:
+            return self
+        last = slice(self.hold.samples - 1, None, self.hold.samples)
+        columns = {name: column[last] for name, column in self.columns.items()}
+        starts = np.zeros(min(1, self.starts.size), dtype=np.int64)
+        return Bound(self.dataset, columns, self.kept[last], starts, self.scored[last])
 
-def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str]) -> Bound:
+
+def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: float | None = None) -> Bound:
     """Bind a dataset to the inputs of a graph; `channels` names the channel of an input where the names differ.
 
     A NaN in an input drops a steady-state point. In time data, gaps up to the dataset's `max_gap` are interpolated,
-    longer ones end a piece. Raises `InputError` where a channel is missing, or time is needed and not recorded.
+    longer ones end a piece. `step` is the model's own, for points that are held until it has settled.
+    Raises `InputError` where a channel is missing, or time is needed and not recorded.
     """
-    inputs = {name: dataset[channels.get(name, name)].values for name in graph.inputs}
+    inputs = {n: dataset[channels.get(n, n)].values for n in graph.inputs if n not in AVERAGING}
+    if dataset.settling is not None and is_settled(dataset, graph):
+        return _held(dataset, inputs, hold_of(dataset, dataset.settling, step))
     clocks = {n.payload for n in graph.nodes if n.op == "input" and n.payload in CLOCK}
     if clocks and dataset.time is None:
         raise InputError.of(
             f"dataset {dataset.name}",
             "the function needs time steps, but the data have no time stamps",
-            "Name the time channel `time`, or set `raster`.",
+            "Name the time channel `time`, or set `raster`; for steady-state points, `settle`.",
         )
     if dataset.time is not None or graph.states:
         inputs, valid = _bridged(dataset, inputs)
@@ -69,7 +86,17 @@ def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str]) -> Bound:
     columns = {name: values if picked is None else values[picked] for name, values in inputs.items()}
     if clocks and dataset.time is not None:
         columns |= _clock(dataset.time[kept], starts)
-    return Bound(dataset, columns, picked, starts, scored)
+    return Bound(dataset, {**columns, **not_held(graph, kept.size)}, picked, starts, scored)
+
+
+def _held(dataset: Dataset, inputs: Mapping[str, Float], hold: Hold) -> Bound:
+    """Each point a piece of constant inputs, of which the last sample counts."""
+    points = _complete(dataset, inputs)
+    picked = np.repeat(points, hold.samples)
+    columns = {name: values[picked] for name, values in inputs.items()} | hold.columns(points.size)
+    scored = np.zeros(picked.size, dtype=bool)
+    scored[hold.samples - 1 :: hold.samples] = True if dataset.scored is None else dataset.scored[points]
+    return Bound(dataset, columns, picked, hold.samples * np.arange(points.size), scored, hold)
 
 
 def _complete(dataset: Dataset, inputs: Mapping[str, Float]) -> Int:

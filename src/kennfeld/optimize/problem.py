@@ -18,6 +18,7 @@ from kennfeld.optimize.binding import Bound, bind
 from kennfeld.optimize.criterion import Criterion, Pin
 from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.settling import ages, averaged, averages, fewer_pieces, restarted
 from kennfeld.optimize.weighting import Weighting
 from kennfeld.parameters import ParameterSet
 
@@ -57,17 +58,22 @@ class Problem:
 
     def bind(self, dataset: Dataset) -> Bound:
         """A dataset as the model reads it."""
-        return bind(dataset, self.graph, self.channels)
+        return bind(dataset, self.graph, self.channels, self.model.step)
 
     @cached_property
     def graph(self) -> Graph:
-        """The model's graph with one more node a criterion, named by `difference`: node minus target node."""
+        """The model's graph with one more node a criterion, named by `difference`: node minus target node.
+
+        Where steady-state points are averaged over the end of their settling, it is the mean of that.
+        """
         b = Builder.of(self.model.graph)
         names = dict(self.model.graph.names)
+        averaging = averages(self.model.graph, self.datasets)
         for i, criterion in enumerate(self.criteria):
             node = names[criterion.node]
             other = self.target_node(criterion)
-            names[difference(i)] = node if other is None else b.call("sub", node, names[other])
+            found = node if other is None else b.call("sub", node, names[other])
+            names[difference(i)] = averaged(b, found) if averaging else found
         return b.finish(names, self.model.graph.units, self.model.graph.outputs)
 
     def target_node(self, criterion: Criterion) -> str | None:
@@ -123,6 +129,9 @@ class Compiled:
         parameters, free = problem.parameters, problem.free_names
         self.weighting = Weighting.of(problem.criteria, problem.training)
         graph = self.weighting.extended(problem.graph)
+        self._restarts = any(bound.hold is not None for bound in problem.training)
+        if self._restarts:
+            graph = restarted(graph)
         lowered = lower(_with_even_step(graph, problem.training), parameters, free if smooth_like else ())
         outputs = _outputs(problem)
         self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], free)
@@ -169,7 +178,9 @@ class Compiled:
         problem = self.problem
         sources = []
         for bound in problem.training:
-            whole = replace(bound, columns={**bound.columns, **self.weighting.columns(bound)})
+            further = self.weighting.columns(bound) | (ages(bound.hold, bound.count) if self._restarts else {})
+            starts = bound.starts if bound.hold is None else fewer_pieces(bound.starts)
+            whole = replace(bound, columns={**bound.columns, **further}, starts=starts)
             targets = [
                 partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
                 for i, c in enumerate(problem.criteria)

@@ -33,8 +33,10 @@ class Nodes:
         return self._simulator.run(parameters, data, bound.starts.tolist())
 
     def dataset(self, bound: Bound, parameters: ParameterSet) -> Dataset:
-        """The nodes as channels, over the samples of a bound dataset."""
+        """The nodes as channels, over the samples of a bound dataset; one value a point where points are held."""
         values = self.values(bound, parameters)
+        if bound.hold is not None:
+            values, bound = bound.hold.mean(values), bound.shown
         channels = tuple(Channel(n, v, self._units.get(n, "")) for n, v in zip(self._names, values, strict=True))
         time = None if bound.dataset.time is None else bound.dataset.time[bound.kept]
         starts = bound.starts if bound.count else np.zeros(1, dtype=np.int64)

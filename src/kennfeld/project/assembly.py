@@ -20,7 +20,7 @@ from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
 from kennfeld.project.method import method_findings
-from kennfeld.project.samples import sample_findings, weight_channels
+from kennfeld.project.samples import sample_findings, settling_findings, weight_channels
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.tables import Tables, build_tables
 
@@ -170,12 +170,16 @@ class _Assembling:
         if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
             mend = 'Write use = "training" and a weight above 0 in one of them.'
             self._report("[[dataset]]", "no dataset is used for training", mend)
-        if self.function is None or not uses_clock(self.function.graph):
+        if self.function is None:
+            return
+        self.findings += settling_findings(self.function.graph, self.loaded)
+        if not uses_clock(self.function.graph):
             return
         for data in self.loaded.datasets:
-            if data.time is None:
+            if data.time is None and data.settling is None:
                 what = f"the function needs time steps, but dataset {data.name} has no time stamps"
-                self.findings.append(Finding(self.loaded.places[data.name], what, "Name the time channel `time`."))
+                mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+                self.findings.append(Finding(self.loaded.places[data.name], what, mend))
 
     def _check_tables(self, tables: Tables, function: Function) -> None:
         """What the function and its parameters must agree on."""

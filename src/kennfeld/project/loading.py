@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.dataset import Dataset, concatenate
+from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
@@ -210,6 +210,7 @@ class _Loading:
 
     def _finished(self, dataset: Dataset) -> Dataset | None:
         shift = self.entry.shift or {}
+        dataset = self._held(dataset)
         if not self._fits_time(dataset, shift):
             return None
         dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
@@ -223,6 +224,15 @@ class _Loading:
         if self.wanted.step is not None:
             dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
         return dataset
+
+    def _held(self, dataset: Dataset) -> Dataset:
+        """The dataset as points to be held, whatever their time stamps, where the entry asks for it."""
+        entry = self.entry
+        if entry.settle is None:
+            return dataset
+        return replace(
+            dataset, time=None, settling=Settling(entry.settle, entry.average, entry.step or self.wanted.step)
+        )
 
     def _fits_time(self, dataset: Dataset, shift: Mapping[str, float]) -> bool:
         """Whether what the entry says fits data without time stamps, where there are none."""

@@ -53,6 +53,9 @@ class DatasetEntry:
     max_gap: float = 0.0
     shift: Mapping[str, float] | None = None
     weight_channel: str = ""
+    settle: float | None = None
+    average: float = 0.0
+    step: float | None = None
 
 
 @dataclass(frozen=True)

@@ -96,9 +96,28 @@ def _dataset(section: Section) -> DatasetEntry:
         max_gap=section.number("max_gap", 0.0, 0.0),
         shift=_shift(section),
         weight_channel=section.text("weight_channel"),
+        settle=section.number("settle", 0.0, 0.0, above=True) or None,
+        average=section.number("average", 0.0, 0.0),
+        step=section.number("step", 0.0, 0.0, above=True) or None,
     )
+    _check_settling(section, entry)
     section.end()
     return entry
+
+
+def _check_settling(section: Section, entry: DatasetEntry) -> None:
+    """Keys that need `settle`, and those that it excludes."""
+    if not section.has("settle"):
+        for key in ("average", "step"):
+            if section.has(key):
+                section.report(key, f"{key} has no meaning without settle", "Write settle = ... in s, or remove it.")
+        return
+    for key in ("raster", "warmup", "max_gap"):
+        if section.has(key):
+            section.report(key, f"{key} is for recordings in time, settle for steady-state points", "Remove one.")
+    for key, value in (("average", entry.average), ("step", entry.step)):
+        if entry.settle is not None and value is not None and value > entry.settle:
+            section.report(key, f"{value:g} s are longer than settle = {entry.settle:g} s", "Shorten it.")
 
 
 def _shift(section: Section) -> dict[str, float]:
