@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from typing import Any
 
     from kennfeld.calfiles import read as read_parameters
-    from kennfeld.dataset import Channel, Dataset
+    from kennfeld.dataset import Channel, Dataset, Settling
     from kennfeld.errors import InputError, KennfeldError
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Limit, Options, Pin, Result, Stop, calibrate, simulate
+    from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
 
@@ -43,8 +43,10 @@ __all__ = [
     "ParameterSet",
     "Pin",
     "Project",
+    "Region",
     "Result",
     "Scalar",
+    "Settling",
     "Stop",
     "Text",
     "calibrate",
@@ -58,13 +60,13 @@ __version__ = "0.1.0"
 
 _ROOMS = {
     "calfiles": ("read_parameters",),
-    "dataset": ("Channel", "Dataset"),
+    "dataset": ("Channel", "Dataset", "Settling"),
     "errors": ("InputError", "KennfeldError"),
     "graph": ("Graph",),
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
-    "optimize": ("Criterion", "Limit", "Options", "Pin", "Result", "Stop", "calibrate", "simulate"),
+    "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
 }
