@@ -6,12 +6,13 @@ What tells them apart is measured: inputs, states and lookups are given random v
 condition changes, and outputs and next states are compared on its two sides.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Float, Int
 from kennfeld.graph.lowering import dependent
 from kennfeld.graph.node import Graph
 from kennfeld.graph.operations import OPERATIONS
@@ -19,10 +20,11 @@ from kennfeld.graph.operations import OPERATIONS
 __all__ = ["Event", "events"]
 
 POINTS = 256  # random points, between neighbours of which a condition may change
-HALVINGS = 80  # of the way between two points: to the last bit
-TRIED = 24  # changes looked at for each condition
-TOGETHER = 16  # conditions looked at at once
-JUMP = 1e-7  # relative difference between both sides that is no rounding
+HALVINGS = 22  # of the way between two points, after which its ends are compared; and again after as many more
+SHRUNK = 0.1  # of the first difference; what is continuous has become far smaller at the second
+JUMP = 1e-9  # of an end's size; what is smaller is rounding
+TRIED = 8  # changes looked at for each condition
+MOST = 64  # conditions looked at in a graph that has more
 _WORDS = {
     "floor": "floor",
     "ceil": "ceil",
@@ -51,34 +53,25 @@ class Event:
 def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -> tuple[Event, ...]:
     """The events whose time depends on the parameters `free`, and which the outputs feel, in the order of the graph.
 
-    Without `outputs`, names of nodes, those of the graph are meant.
+    Without `outputs`, names of nodes, those of the graph are meant. Where there are very many conditions, some of them
+    are looked at.
 
     >>> from kennfeld.models.formula import formula
     >>> graph = formula("y = max(Gain(u), 0) + round(Gain(u))").graph
     >>> [(event.name, event.word, event.parameters) for event in events(graph, ["Gain"])]
     [('y', 'round', ('Gain',))]
     """
-    reach = {name: _reached(graph, name) for name in free}
-    moving = set().union(*reach.values())
+    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in free)
     ends, needed = _needed(graph, [graph.names[name] for name in outputs or graph.outputs])
     candidates = [at for at in sorted(needed & moving) if graph.nodes[at].op in _WORDS]
     if not candidates:
         return ()
-    step = _Step(graph, ends)
-    jumping = [at for i in range(0, len(candidates), TOGETHER) for at in step.jumping(candidates[i : i + TOGETHER])]
+    jumping = _Step(graph, ends).jumping(candidates[:: -(-len(candidates) // MOST)])
+    reach = {name: _reached(graph, name) for name in free} if jumping else {}
     return tuple(
         Event(at, _WORDS[graph.nodes[at].op], _user(graph, at), tuple(name for name in reach if at in reach[name]))
         for at in jumping
     )
-
-
-@dataclass(frozen=True)
-class _Sides:
-    """Changes of a node: the random points before them, and their two sides."""
-
-    origin: Int  # Int[changes]
-    low: Float  # Float[leaves, changes]
-    high: Float  # Float[leaves, changes]
 
 
 class _Step:
@@ -104,30 +97,29 @@ class _Step:
         return points
 
     def jumping(self, candidates: Sequence[int]) -> list[int]:
-        """Those of the candidates at whose changes an output or a next state jumps; and those never seen to change."""
-        sides = [self._sides(at) for at in candidates]
-        ends = np.cumsum([side.origin.size for side in sides])
-        jumps = np.split(self._jumps(sides), ends[:-1])
-        return [at for at, side, own in zip(candidates, sides, jumps, strict=True) if not side.origin.size or own.any()]
+        """Those of the candidates at whose changes an end jumps; and those that were never seen to change."""
+        cone = _cone(self.graph, candidates)
+        far = self._evaluate(self.points, cone)
+        levels = [self._level(at, far) for at in candidates]
+        origins = [_changes(level) for level in levels]
+        parts = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(origin.size for origin in origins)]).tolist())]
+        first = np.concatenate([level[origin] for level, origin in zip(levels, origins, strict=True)])
+        origin = np.concatenate(origins)
+        low, high = self.points[:, origin], self.points[:, (origin + 1) % POINTS]
+        gaps = []
+        for _ in range(2):
+            for _ in range(HALVINGS):
+                middle = 0.5 * low + 0.5 * high
+                values = self._evaluate(middle, cone)
+                level = np.concatenate([self._level(at, values)[p] for at, p in zip(candidates, parts, strict=True)])
+                low, high = np.where(level == first, middle, low), np.where(level == first, high, middle)
+            gaps.append(self._gaps(low, high))
+        apart = (gaps[1] > SHRUNK * gaps[0]) & (gaps[1] > JUMP * self._sizes(origin))
+        jumps = np.logical_or.reduce(apart, axis=0)
+        return [at for at, part in zip(candidates, parts, strict=True) if part.start == part.stop or jumps[part].any()]
 
-    def _sides(self, at: int) -> "_Sides":
-        """Where a node changes."""
-        cone = _cone(self.graph, [at])
-        values = self._level(at, self.points, cone)
-        right = np.roll(np.arange(POINTS), -1)
-        with np.errstate(invalid="ignore"):
-            apart = np.flatnonzero(np.isfinite(values) & np.isfinite(values[right]) & (values != values[right]))
-        apart = apart[:TRIED]
-        low, high, value = self.points[:, apart], self.points[:, right[apart]], values[apart]
-        for _ in range(HALVINGS):
-            middle = 0.5 * low + 0.5 * high
-            same = self._level(at, middle, cone) == value
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return _Sides(apart, low, high)
-
-    def _level(self, at: int, points: Float, cone: Sequence[int]) -> Float:
+    def _level(self, at: int, values: Mapping[int, Float]) -> Float:
         """The value of a node that jumps; of `mod`, which also moves in between, the number of its jumps."""
-        values = self._evaluate(points, cone)
         op, args, _ = self.graph.nodes[at]
         if op != "mod":
             return values[at]
@@ -135,22 +127,21 @@ class _Step:
             whole: Float = np.floor(values[args[0]] / values[args[1]])
         return whole
 
-    def _jumps(self, sides: Sequence["_Sides"]) -> Bool:
-        """At which of the changes some end jumps; where an end is not finite on a side, it says nothing.
-
-        A jump is measured by the size that the end has at the two random points, and usually.
-        """
-        low, high = (np.concatenate([getattr(s, side) for s in sides], axis=1) for side in ("low", "high"))
-        origin = np.concatenate([side.origin for side in sides])
-        before, after, far = (self._evaluate(points, self.cone) for points in (low, high, self.points))
-        jumps = np.zeros(origin.size, dtype=bool)
+    def _gaps(self, low: Float, high: Float) -> Float:
+        """Differences of the ends, shape (ends, changes); 0 where one is not finite, which says nothing."""
+        before, after = (self._evaluate(points, self.cone) for points in (low, high))
         with np.errstate(all="ignore"):
-            for end in self.ends:
-                a, b = before[end], after[end]
-                way = np.nan_to_num(np.abs(far[end]), nan=0.0, posinf=0.0)
-                size = np.abs(a) + np.abs(b) + way[origin] + way[(origin + 1) % POINTS] + np.median(way)
-                jumps |= np.isfinite(a) & np.isfinite(b) & (np.abs(a - b) > JUMP * size)
-        return jumps
+            gaps = np.array([np.abs(after[end] - before[end]) for end in self.ends])
+        finite: Float = np.nan_to_num(gaps, nan=0.0, posinf=0.0)
+        return finite
+
+    def _sizes(self, origin: Int) -> Float:
+        """What size the ends have where the changes were looked for, and usually; shape (ends, changes)."""
+        far = self._evaluate(self.points, self.cone)
+        with np.errstate(all="ignore"):
+            way = np.nan_to_num(np.abs([far[end] for end in self.ends]), nan=0.0, posinf=0.0)
+        sizes: Float = way[:, origin] + way[:, (origin + 1) % POINTS] + np.median(way, axis=1, keepdims=True)
+        return sizes
 
     def _evaluate(self, points: Float, cone: Sequence[int]) -> dict[int, Float]:
         """The nodes of a cone; a lookup is its random value plus something smooth of its coordinates."""
@@ -166,6 +157,14 @@ class _Step:
                 else:
                     values[at] = np.asarray(OPERATIONS[op].evaluate(*(values[a] for a in args)), dtype=np.float64)
         return values
+
+
+def _changes(level: Float) -> Int:
+    """Points between which and the next one a condition changes."""
+    following = np.roll(level, -1)
+    with np.errstate(invalid="ignore"):
+        apart = np.isfinite(level) & np.isfinite(following) & (level != following)
+    return np.flatnonzero(apart)[:TRIED]
 
 
 def _cone(graph: Graph, roots: Sequence[int]) -> list[int]:
