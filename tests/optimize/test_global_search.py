@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
+from kennfeld.errors import ArgumentError
 from kennfeld.graph.events import events
 from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.global_search import Search, global_search, unbounded
@@ -179,6 +180,14 @@ def test_values_without_bounds_are_named_all_at_once():
         "bounds of k: k has no lower and no upper bound, and a global search needs both. "
         "Write bounds = [lower, upper], as narrow as you know them.",
     ]
+
+
+@pytest.mark.parametrize(
+    "given", [{"method": "globl"}, {"max_evaluations": -1}, {"max_evaluations": 1e3}, {"seed": -1}, {"seed": None}]
+)
+def test_options_are_checked_when_they_are_made(given):
+    with pytest.raises(ArgumentError, match=next(iter(given))):
+        kf.Options(**given)
 
 
 def test_locked_values_need_no_bounds():

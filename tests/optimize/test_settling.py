@@ -24,6 +24,7 @@ MODELS = {
     "clock alone": "y = a * u * t + b / dt",
     "relay": "on = hysteresis(t, 0.35, 0.1)\ny = a * on + b * prev(on, 0) * u",
 }
+UNSETTLED = "y = PT1(a * u, b, 0) + log(t - 0.65)"  # no number before 0.7 s
 by_model = pytest.mark.parametrize("text", MODELS.values(), ids=MODELS)
 by_window = pytest.mark.parametrize("average", [0.0, 0.1, 0.3, 1.0])
 
@@ -89,6 +90,12 @@ def test_fit_and_simulation_see_the_same_values(text, seconds, share, step, coun
     assert objective.cost(objective.start) == pytest.approx(np.sum((shown - np.cos(u)) ** 2), rel=1e-9)
 
 
+@pytest.mark.parametrize("average", [0.0, 0.1, 0.3])
+def test_what_is_no_number_before_the_window_does_no_harm(average):
+    test_a_point_counts_with_the_mean_of_its_window(UNSETTLED, average)
+    test_the_derivative_of_the_mean_is_exact(UNSETTLED, average)
+
+
 def test_time_constant_and_gain_are_found_from_points_that_have_not_settled():
     u = np.linspace(1, 5, 30)
     truth = {"a": 2.0, "T": 1.7}
@@ -110,6 +117,18 @@ def test_points_and_recordings_are_fitted_together():
         assert both.cost(both.start) == pytest.approx(sum(one.cost(one.start) for one in alone), rel=1e-12)
         gradient = both.normal(both.start)[0].copy()
         np.testing.assert_allclose(gradient, sum(one.normal(one.start)[0].copy() for one in alone), rtol=1e-9)
+
+
+def test_held_points_go_through_the_continuation():
+    """Smoothed lookups see the same samples."""
+    u = np.linspace(0.2, 3.8, 60)
+    start = kf.ParameterSet([kf.Curve("C", range(5), [0.0, 1, 2, 1, 0]), kf.Curve("D", range(5), [0.0, 1, 2.5, 3, 4])])
+    truth = start.with_parameters(start["C"].with_values([0.5, 1, 3, 1, 2]))
+    text, data = "y = PT1(C(D(u)), 0.4, 0)", kf.Dataset.of("points", {"u": u}, settling=Settling(1.0, 0.3, 0.1))
+    data = data.with_channels(replace(kf.simulate(text, data, truth)["y"], name="z"))
+    result = kf.calibrate(text, data, start, target="z")
+    assert "exact" in {line.stage for line in result.trace}
+    assert result.quality[0].rmse_after < 1e-3 * result.quality[0].rmse_before
 
 
 def test_a_target_node_is_averaged_too():

@@ -190,9 +190,9 @@ def test_wrong_weights_are_found_all_at_once():
     criteria = [
         kf.Criterion("m", "y", weight_channel="ww"),
         kf.Criterion("m", 1.0, weight_channel="bad", regions=[Region("x >", 1.0), Region("z > 1", 1.0)]),
-        kf.Criterion("m", 2.0, regions=[Region("t > 1", 2.0)], weight_channel="none"),
+        kf.Criterion("m", 2.0, regions=[Region("t > 1", 2.0)]),
     ]
-    data = line(bad=np.where(X > 2, -1.0, 1.0), none=np.full(60, np.nan))
+    data = line(bad=np.where(X > 2, -1.0, 1.0))
     with pytest.raises(kf.InputError) as error:
         kf.calibrate("m = a * x + b", data, {"a": 0.0, "b": 0.0}, criteria=criteria)
     found = [str(finding) for finding in error.value.findings]
@@ -201,9 +201,21 @@ def test_wrong_weights_are_found_all_at_once():
     assert "the first, -1, at sample 41" in found[1]
     assert found[2].startswith("criterion on m region 1")
     assert found[3].startswith("criterion on m region 2: dataset bench has no channel z.")
-    assert found[4].startswith("criterion on m weight_channel: no sample of dataset bench has a weight none above 0")
-    assert found[5].startswith("criterion on m region 1: the condition needs time")
-    assert len(found) == 6
+    assert found[4].startswith("criterion on m region 1: the condition needs time")
+    assert len(found) == 5
+
+
+def test_weights_that_leave_nothing_are_an_error_and_those_of_one_dataset_are_not():
+    empty, full = line(w=np.full(60, np.nan)), line()
+    criteria = [kf.Criterion("m", "y", weight_channel="w")]
+    with pytest.raises(kf.InputError, match="criterion on m: no training sample has a weight above 0"):
+        kf.calibrate("m = a * x + b", empty, {"a": 0.0, "b": 0.0}, criteria=criteria)
+    both = kf.calibrate("m = a * x + b", [replace(empty, name="empty"), full], {"a": 0.0, "b": 0.0}, criteria=criteria)
+    alone = kf.calibrate("m = a * x + b", full, {"a": 0.0, "b": 0.0}, criteria=criteria)
+    assert both.cost_after == pytest.approx(alone.cost_after, rel=1e-12)
+    regions = [Region("x >= 0", 0.0)]
+    with pytest.raises(kf.InputError, match="no training sample has a weight above 0"):
+        kf.calibrate("m = a * x", full, {"a": 0.0}, criteria=[kf.Criterion("m", "y", regions=regions)])
 
 
 @pytest.mark.parametrize(("where", "weight"), [("", 1.0), ("x > 1", -1.0), ("x > 1", np.inf), ("x > 1", np.nan)])

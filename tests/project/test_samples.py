@@ -64,6 +64,13 @@ def test_missing_weights_are_a_warning(shop):
     )
 
 
+def test_weights_that_are_all_zero_are_an_error(shop):
+    assert weighted(shop, w=[0, 0, 0, 0, 0, np.nan]).errors() == [
+        "kennfeld.toml [[criterion]] 1: no training sample has a weight above 0. "
+        "Check the channels and regions that weigh it."
+    ]
+
+
 def test_weights_in_test_data_are_not_needed(shop):
     weighted(shop)
     shop.bench("fresh.csv")

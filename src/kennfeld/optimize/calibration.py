@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.global_search import Search, global_search, polished, unbounded
@@ -40,6 +40,13 @@ class Options:
     method: Literal["gauss-newton", "global"] = "gauss-newton"
     max_evaluations: int = 0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method not in ("gauss-newton", "global"):
+            raise ArgumentError(f"method={self.method!r} must be gauss-newton or global")
+        for name, value in (("max_evaluations", self.max_evaluations), ("seed", self.seed)):
+            if not (isinstance(value, int) and value >= 0):
+                raise ArgumentError(f"{name}={value!r} must be a whole number from 0 on")
 
     @property
     def settings(self) -> Settings:

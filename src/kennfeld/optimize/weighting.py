@@ -96,7 +96,19 @@ def weight_findings(
             found += _channel(criterion.weight_channel, data, f"{criterion_place(i)} weight_channel", offered)
         for number, region in enumerate(criterion.regions, 1):
             found += _region(region, scored, f"{criterion_place(i)} region {number}", offered)
+    if any(finding.severity == "error" for finding in found):
+        return found
+    for i, criterion in enumerate(criteria):
+        if datasets and not any(_counts(criterion, data) for data in datasets):
+            what = "no training sample has a weight above 0"
+            found.append(Finding(criterion_place(i), what, "Check the channels and regions that weigh it."))
     return found
+
+
+def _counts(criterion: Criterion, data: Dataset) -> bool:
+    """Whether a dataset has samples of weight for a criterion."""
+    weights = sample_weights(criterion, data)
+    return weights is None or bool(np.any(weights[... if data.scored is None else data.scored] > 0))
 
 
 def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> list[Finding]:
@@ -111,7 +123,8 @@ def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> li
     counted = np.ones(data.samples, dtype=bool) if data.scored is None else data.scored
     missing = int(np.count_nonzero(np.isnan(values[counted])))
     if missing == np.count_nonzero(counted) or not np.any(values[counted] > 0):
-        return [Finding(place, f"no sample of dataset {data.name} has a weight {name} above 0", "Check the channel.")]
+        what = f"no sample of dataset {data.name} has a weight {name} above 0"
+        return [Finding(place, what, "Is it the right channel?", severity="warning")]
     if missing:
         of = np.count_nonzero(counted)
         what = f"{name} is missing in {missing} of {of} samples of dataset {data.name}; they count with weight 0"
