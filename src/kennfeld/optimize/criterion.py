@@ -1,4 +1,4 @@
-"""What the optimizer shall reach, and what it must keep."""
+"""What the optimizer shall reach."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 from kennfeld.errors import ArgumentError
 from kennfeld.native import Loss
 
-__all__ = ["Criterion", "Limit", "Pin", "Target"]
+__all__ = ["Criterion", "Target"]
 
 
 @dataclass(frozen=True)
@@ -68,21 +68,3 @@ class Criterion:
         settings = {"weight": weight, "loss": loss, "delta": delta, "scale": scale}
         for name, given in ({"node": node, "target": Target.of(target)} | settings).items():
             object.__setattr__(self, name, given)
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Bounds that a node shall keep at every scored sample: `lower <= node <= upper`."""
-
-    node: str
-    lower: float = float("-inf")
-    upper: float = float("inf")
-
-
-@dataclass(frozen=True)
-class Pin:
-    """An equality: the parameter's interpolated value at these coordinates is `value`."""
-
-    parameter: str
-    at: tuple[float, ...]
-    value: float

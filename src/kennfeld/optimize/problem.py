@@ -15,7 +15,8 @@ from kennfeld.graph.split import split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Samples
 from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.parameters import ParameterSet
@@ -42,6 +43,8 @@ class Problem:
     smoothness: Smoothness = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[Shape | Equality, ...] = ()
+    limits: tuple[Limit, ...] = ()
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
