@@ -28,7 +28,7 @@ from kennfeld.native.tables import search_function
 
 __all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "start_code", "tape_code", "values_code"]
 
-Loss = Literal["square", "huber", "soft_l1"]
+Loss = Literal["square", "huber", "soft_l1", "excess"]
 RANGE = (("i64", "first"), ("i64", "last"))
 TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
 ZERO = literal(0.0)
@@ -183,6 +183,9 @@ def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
             # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
             loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")
             return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
+        case "excess":
+            beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
+            return f.select(beyond, square, ZERO), f.select(beyond, literal(1.0), ZERO)
 
 
 def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:

@@ -13,11 +13,19 @@ UNBOUNDED = float("inf")
 
 @dataclass(frozen=True)
 class Limit:
-    """Bounds that a node shall keep at every scored sample: `lower <= node <= upper`."""
+    """Bounds that an output shall keep at every scored sample of the training data: `lower <= node <= upper`.
+
+    `node` is a node or an expression over nodes, inputs and channels; `where` a condition over inputs and channels, not
+    0 where the limit counts.
+
+    >>> Limit("abs(n_set - n)", upper=50.0, where="t_since_step > 1").upper
+    50.0
+    """
 
     node: str
     lower: float = -UNBOUNDED
     upper: float = UNBOUNDED
+    where: str = ""
 
     def __post_init__(self) -> None:
         _ordered(f"limit of {self.node}", self.lower, self.upper)
