@@ -109,5 +109,6 @@ declare double @llvm.trunc.f64(double)
 declare i64 @llvm.fptosi.sat.i64.f64(double)
 declare i64 @llvm.smin.i64(i64, i64)
 declare i64 @llvm.smax.i64(i64, i64)
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 """
 _DECLARATIONS = _INTRINSICS + "".join(_declare(name, count) for name, count in C_FUNCTIONS.items())

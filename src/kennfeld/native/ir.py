@@ -157,4 +157,4 @@ class Function:
         return f"define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
 
-_ALIGN = {"double": 8, "i64": 8, "i32": 4}
+_ALIGN = {"ptr": 8, "double": 8, "i64": 8, "i32": 4}

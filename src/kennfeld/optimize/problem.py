@@ -145,10 +145,7 @@ class Compiled:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [
-            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
-            for piece in samples.pieces
-        ]
+        parts = [samples.scored(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
 
     def set_width(self, spacings: float) -> None:
@@ -174,8 +171,7 @@ class Compiled:
         elif mine == list(theirs):
             samples = other.samples
         else:
-            rows = other.samples.data[[theirs[name] for name in mine]]
-            samples = Samples(rows, other.samples.targets, other.samples.pieces)
+            samples = other.samples.with_inputs([theirs[name] for name in mine])
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
