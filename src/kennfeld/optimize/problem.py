@@ -85,7 +85,8 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
-        return np.where(bound.scored & np.isfinite(values), values, np.nan)
+        counts = bound.scored & ~np.isinf(values)
+        return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
         """Smoothness of each axis of a parameter."""
@@ -154,9 +155,10 @@ class Compiled:
 
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
+        remembers = self.kernel.line.states or self._split.prepared.states
         sources = [
             Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.training
+            for bound in (bound if remembers else bound.whole for bound in problem.training)
         ]
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
@@ -177,7 +179,7 @@ class Compiled:
 
 def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
     """The graph with `dt` a constant where all data have the same even step."""
-    steps = {float(step) for bound in bounds if "dt" in bound.columns for step in _extremes(bound.columns["dt"])}
+    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     if len(steps) != 1:
         return graph
     step = steps.pop()
