@@ -131,7 +131,9 @@ class OutputLimits:
         names = [side.node for side in self._sides]
         self._nodes = Nodes(model.graph, problem.parameters, names)
         self._masks = self._conditions(model)
+        self._shifts = [np.zeros(mask.shape) for mask in self._masks]
         self._scales = self._sizes()
+        self._penalised = self._compiled()
 
     def _conditions(self, model: Model) -> list[Float]:
         """For each dataset, 1 where a side counts and NaN elsewhere; shape (sides, samples)."""
@@ -211,23 +213,29 @@ class OutputLimits:
         Status `infeasible` where no values were found that keep them.
         """
         self._shifts = [np.zeros(mask.shape) for mask in self._masks]
+        self._aim()
         return _Rounds(self, objective, limits, settings, parameters_of, report).run(start)
 
-    def penalised(self, weight: float) -> SumOfSquares:
-        """The cost with what exceeds a limit added, squared, times `weight` over the square of the side's scale."""
+    def _compiled(self) -> Compiled:
+        """The problem with a criterion for each side, whose weight is one over the square of the side's scale."""
         problem = self._problem
         targets = {
             (side.node, bound.dataset.name): np.empty(bound.count) for bound in self._bounds for side in self._sides
         }
         criteria = [
-            Criterion(side.node, 0.0, weight / scale**2, "excess")
+            Criterion(side.node, 0.0, 1 / scale**2, "excess")
             for side, scale in zip(self._sides, self._scales, strict=True)
         ]
         given = {f.name: getattr(problem, f.name) for f in fields(Problem)}
         made = _Penalised(**given | {"criteria": (*problem.criteria, *criteria)}, targets=targets)
         self._targets = targets
         self._aim()
-        return SumOfSquares(Compiled(made))
+        return Compiled(made)
+
+    def penalised(self, weight: float) -> SumOfSquares:
+        """The cost and `weight` times what exceeds the limits, relative to their scales, squared."""
+        known = len(self._problem.criteria)
+        return SumOfSquares(self._penalised.reweighted(np.repeat([1.0, weight], [known, len(self._sides)])))
 
     def _aim(self) -> None:
         """Write the targets: the bounds, lowered by the shifts."""
