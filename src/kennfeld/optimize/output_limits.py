@@ -141,7 +141,7 @@ class OutputLimits:
         self._sides = _sides(problem.limits)
         model = _extended(problem.model, problem.limits)
         self._problem = replace(problem, model=model, limits=())
-        self._bounds = self._problem.training
+        self._bounds = self._problem.gathered
         names = [side.node for side in self._sides]
         self._nodes = Nodes(model.graph, problem.parameters, names)
         self._masks = self._conditions(model)
@@ -234,6 +234,7 @@ class OutputLimits:
         """
         self._shifts = [np.zeros(mask.shape) for mask in self._masks]
         self._aim()
+        self._penalised.reread_targets()
         return _Rounds(self, objective, limits, settings, parameters_of, report).run(start)
 
     def _compiled(self) -> Compiled:
@@ -276,6 +277,7 @@ class OutputLimits:
             gap += float(np.sum(2 * new * np.abs(known) / self._scales[:, None] ** 2))
             self._shifts[i] = new / heavier
         self._aim()
+        self._penalised.reread_targets()
         return gap
 
 
