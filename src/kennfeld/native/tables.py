@@ -1,19 +1,18 @@
-"""LLVM IR of table lookups: search in an axis, weights of the grid points, value and slopes.
+"""LLVM IR of table lookups: weights of the grid points around a coordinate, value and slopes.
 
 A lookup is a list of sides, one an axis. A side knows the weights of the grid points around the coordinate: the two
 ends of a cell, or, for a smoothed axis, a window of weights computed at run time.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from kennfeld.graph.interpolation import WINDOW
+from kennfeld.native.axis import axis_function
 from kennfeld.native.ir import Function, literal
 
-__all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "search_function", "smooth_function", "smooth_window"]
+__all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
 
-ONE, ZERO, HALF = literal(1.0), literal(0.0), literal(0.5)
+ONE, ZERO = literal(1.0), literal(0.0)
 
 
 @dataclass(frozen=True)
@@ -56,33 +55,13 @@ class Corner:
     weight: str
 
 
-def search_function() -> str:
-    """`kf_search(breakpoints, count, x, result)`: the cell that holds x, by bisection; 0 for NaN."""
-    f = Function("kf_search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")], "noinline")
-    low, high = f.slot("i64"), f.slot("i64")
-    f.store("0", low, kind="i64")
-    f.store(f.add("%count", -1), high, kind="i64")
-    with f.loop(0, 64):
-        a, b = f.load(low, kind="i64"), f.load(high, kind="i64")
-        middle = f.new(f"lshr i64 {f.add(a, b)}, 1")
-        open_ = f.new(f"icmp ugt i64 {f.new(f'sub i64 {b}, {a}')}, 1")
-        with f.when(open_):
-            right = f.new(f"fcmp oge double %x, {f.load('%points', middle)}")
-            f.store(f.new(f"select i1 {right}, i64 {middle}, i64 {a}"), low, kind="i64")
-            f.store(f.new(f"select i1 {right}, i64 {b}, i64 {middle}"), high, kind="i64")
-    f.store(f.load(low, kind="i64"), "%result", kind="i64")
-    return f.text()
-
-
 def find_cell(f: Function, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
     """Cell, x minus its left end, and its width. `hint` remembers the cell, as the next sample is mostly near."""
     guess = f.load(hint, kind="i64")
-    inside = f.new(
-        f"and i1 {f.new(f'fcmp oge double {x}, {f.load(points, guess)}')}, "
-        f"{f.new(f'fcmp olt double {x}, {f.load(points, f.add(guess, 1))}')}"
-    )
-    with f.when(f.new(f"xor i1 {inside}, true")):
-        f.do(f"call void @kf_search(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+    after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
+    before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
+    with f.unless(after, before):
+        f.do(f"call void {axis_function('search')}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
     cell = f.load(hint, kind="i64")
     left = f.load(points, cell)
     right = f.load(points, f.add(cell, 1))
@@ -127,61 +106,7 @@ def smooth_window(f: Function, x: str, points: str, count: int, width: str, line
     weight, slope = f.slot("double", count), f.slot("double", count)
     bounds = f.slot("i64", 2)
     f.do(
-        f"call void @kf_smooth(ptr {points}, i64 {count}, double {x}, double {width}, "
+        f"call void {axis_function('smooth')}(ptr {points}, i64 {count}, double {x}, double {width}, "
         f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
     )
     return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)
-
-
-def smooth_function() -> str:
-    """`kf_smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x."""
-    f = Function(
-        "kf_smooth",
-        [
-            *(("ptr", "points"), ("i64", "count"), ("double", "x"), ("double", "width"), ("i1", "linear")),
-            *(("ptr", "weights"), ("ptr", "slopes"), ("ptr", "bounds")),
-        ],
-        "noinline",
-    )
-    reach = f.fmul("%width", literal(WINDOW))
-    cells = f.slot("i64", 2)
-    for which, edge in enumerate(("fsub", "fadd")):
-        x = f.new(f"{edge} double %x, {reach}")
-        f.do(f"call void @kf_search(ptr %points, i64 %count, double {x}, ptr {f.at(cells, which, 'i64')})")
-    first, last = f.load(cells, 0, "i64"), f.load(cells, 1, "i64")
-    f.store(first, "%bounds", 0, "i64")
-    f.store(f.add(last, 2), "%bounds", 1, "i64")
-    before = f.slot("double", 4)  # ramp and rise at the left end; share and its slope of the interval before
-    ramp, rise = _ramp(f, first)
-    for at, value in enumerate((ramp, rise, ONE, ZERO)):
-        f.store(value, before, at)
-    with f.loop(first, f.add(last, 1)) as cell:
-        right = f.add(cell, 1)
-        ends = _ramp(f, right)
-        gap = f.new(f"fsub double {f.load('%points', right)}, {f.load('%points', cell)}")
-        for at, (end, into) in enumerate(zip(ends, ("%weights", "%slopes"), strict=True)):
-            climbed = f.new(f"fsub double {f.load(before, at)}, {end}")
-            share = f.new(f"fdiv double {climbed}, {gap}")
-            f.store(f.new(f"fsub double {f.load(before, at + 2)}, {share}"), into, cell)
-            f.store(share, into, right)
-            f.store(end, before, at)
-            f.store(share, before, at + 2)
-    return f.text()
-
-
-def _ramp(f: Function, point: str) -> tuple[str, str]:
-    """The smoothed ramp that starts at a breakpoint, and its slope; with linear extrapolation the ends do not bend."""
-    t = f.new(f"fsub double %x, {f.load('%points', point)}")
-    u = f.new(f"fdiv double {t}, %width")
-    share = f.fmul(HALF, f.new(f"call double @kf_erfc(double {f.fmul(u, literal(-(0.5**0.5)))})"))
-    bell = f.new(f"call double @kf_exp(double {f.fmul(f.fmul(u, u), literal(-0.5))})")
-    bend = f.fmul(f.fmul(bell, literal(1 / math.sqrt(2 * math.pi))), "%width")
-    soft = f.new(f"fadd double {f.fmul(t, share)}, {bend}")
-    above = f.new(f"fcmp ogt double {u}, {ZERO}")
-    near = f.new(f"fcmp ult double {f.new(f'call double @llvm.fabs.f64(double {u})')}, {literal(WINDOW)}")
-    ramp = f.select(near, soft, f.select(above, t, ZERO))
-    rise = f.select(near, share, f.select(above, ONE, ZERO))
-    for edge, straight in (("0", (t, ONE)), (f.add("%count", -1), (ZERO, ZERO))):
-        at_edge = f.new(f"and i1 %linear, {f.new(f'icmp eq i64 {point}, {edge}')}")
-        ramp, rise = f.select(at_edge, straight[0], ramp), f.select(at_edge, straight[1], rise)
-    return ramp, rise
