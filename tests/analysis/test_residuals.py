@@ -227,3 +227,13 @@ def test_one_sample_or_none(count):
     for entry in found:
         assert len(entry.worst) == 1
         assert np.isnan(entry.summaries[0].r2)
+
+
+def test_neighbours_in_time_with_errors_of_one_sign_are_one_event():
+    error = np.array([0.0, 1, 3, 2, -1, -4, -1, 5, 5, np.nan, 2, 7, 1])
+    data = Dataset.of(
+        "d", {"x": np.zeros(13), "t": -error}, time=np.arange(13) * 0.1, starts=np.array([0, 12]), scored=None
+    )
+    curve = Curve("C", [0, 1], [0.0, 0.0])
+    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert [(w.sample, w.error) for w in found.worst] == [(11, 7), (7, 5), (5, -4), (2, 3), (12, 1), (0, 0)]

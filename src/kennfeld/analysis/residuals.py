@@ -11,7 +11,7 @@ from kennfeld.analysis.cells import Cells, by_cell
 from kennfeld.analysis.leverage import sample_leverage
 from kennfeld.analysis.lookups import Lookups
 from kennfeld.analysis.series import Evaluator, Series
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
 from kennfeld.optimize import Problem
 from kennfeld.parameters import ParameterSet
@@ -233,14 +233,31 @@ def _memory(series: Series) -> Autocorrelation | None:
 
 
 def _worst(problem: Problem, series: Sequence[Series], errors: Sequence[Errors], count: int) -> tuple[WorstSample, ...]:
-    """The largest errors of all datasets, the largest first; an error that is not finite is the largest."""
+    """The largest errors of all datasets, the largest first; an error that is not finite is the largest.
+
+    Of neighbours in time whose errors have one sign only the worst is taken: they are one event.
+    """
     found: list[tuple[float, int, int]] = []
     for i, (one, of) in enumerate(zip(series, errors, strict=True)):
         size = np.where(one.scored, np.nan_to_num(np.abs(of.absolute), nan=np.inf), -1.0)
-        largest = np.argpartition(-size, min(count, size.size - 1))[:count]
-        found += [(float(size[at]), i, int(at)) for at in largest if size[at] >= 0]
+        places = np.arange(size.size) if one.time is None else _peaks(size, of.absolute, one.bound.starts)
+        if places.size > count:
+            places = places[np.argpartition(-size[places], count)[:count]]
+        found += [(float(size[at]), i, int(at)) for at in places if size[at] >= 0]
     found.sort(key=lambda entry: (-entry[0], entry[1], entry[2]))
     return tuple(_sample(problem, series[i], errors[i], at) for _, i, at in found[:count])
+
+
+def _peaks(size: Float, error: Float, starts: Int) -> Int:
+    """The greatest of each run of errors of one sign, by number."""
+    sign = np.where(size < 0, 0, np.where(error > 0, 1, -1))
+    fresh = np.ones(size.size, dtype=bool)
+    fresh[1:] = sign[1:] != sign[:-1]
+    fresh[starts] = True
+    firsts = np.flatnonzero(fresh)
+    run = np.cumsum(fresh) - 1
+    places = np.flatnonzero(size == np.maximum.reduceat(size, firsts)[run]) if size.size else firsts
+    return places[np.unique(run[places], return_index=True)[1]]
 
 
 def _sample(problem: Problem, series: Series, errors: Errors, at: int) -> WorstSample:

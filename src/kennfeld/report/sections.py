@@ -93,7 +93,8 @@ def _tiles(subject: Subject) -> Iterator[tuple[str, str, str]]:
                     yield f"{name}largest error, {use}", with_unit(score.largest[1], score.unit, 4), below
     if subject.result is not None:
         result = subject.result
-        yield "values", str(result.free_values), f"of {len(subject.changes)} parameters"
+        count = len(subject.changes)
+        yield "values", str(result.free_values), f"of {count} parameter{'s' * (count != 1)}"
         yield "time", f"{shown(result.seconds.total, 3)} s", f"{result.iterations} iterations"
 
 
@@ -204,7 +205,8 @@ def _of_criterion(subject: Subject, number: int, of: Residuals, pictures: Pictur
         _note(_how_scaled(of)),
         [element("h4", "In time"), element("div", memories, class_="row two")] if memories else None,
         [element("h4", "By cell of a table"), _folded(maps)] if maps else None,
-        element("h4", f"The worst {len(of.worst)} samples"),
+        element("h4", "The worst samples"),
+        _note("Of neighbours in time whose errors have one sign, only the worst is listed.") if memories else None,
         _worst_table(of),
     )
 
@@ -240,7 +242,9 @@ def _summary_table(of: Residuals) -> Html:
     rows = [
         [
             *(row.dataset, row.use, str(row.samples)),
-            *(shown(x) for x in (row.mean, row.deviation, row.rmse, row.median, row.percentile_95, row.largest)),
+            # a mean that is rounding noise would look like a finding
+            shown(0.0 if abs(row.mean) < 1e-6 * row.rmse else row.mean),
+            *(shown(x) for x in (row.deviation, row.rmse, row.median, row.percentile_95, row.largest)),
             *(percent(row.relative), percent(row.beyond)),
         ]
         for row in of.summaries

@@ -173,5 +173,5 @@ def _errors(subject: Subject) -> Iterator[Remark]:
                 yield Remark(
                     "note",
                     f"The errors of {of.criterion} on {row.dataset} are correlated in time: "
-                    f"{row.samples} samples tell as much as {shown(memory.independent, 2)} independent.",
+                    f"{row.samples} samples are worth {shown(memory.independent, 2)} independent ones.",
                 )

@@ -95,7 +95,7 @@ class Chart {
 
   drawPane(pen, frame, last) {
     const { pane, left, top, width, height, x, y } = frame;
-    const xs = this.spec.x.ticks || ticks(x[0], x[1], Math.max(3, width / 80));
+    const xs = ticks(x[0], x[1], Math.max(3, width / 80)).filter((value) => !this.spec.x.whole || Number.isInteger(value));
     const ys = pane.log ? logTicks(y[0], y[1]) : ticks(y[0], y[1], Math.max(2, height / 32));
     pen.strokeStyle = COLOUR.grid;
     pen.lineWidth = 1;
@@ -114,12 +114,11 @@ class Chart {
     pen.fillStyle = COLOUR.text;
     pen.textAlign = "right";
     pen.textBaseline = "middle";
-    for (const value of ys) pen.fillText(pane.log ? powerText(value) : tickText(value, y[0], y[1]), left - 6, frame.py(value));
+    for (const value of ys) pen.fillText(pane.log ? powerText(value) : pane.floor ? countText(value) : tickText(value, y[0], y[1]), left - 6, frame.py(value));
     pen.textBaseline = "alphabetic";
     pen.textAlign = "center";
     if (last) {
-      const texts = this.spec.x.labels || xs.map((value) => tickText(value, x[0], x[1]));
-      xs.forEach((value, i) => pen.fillText(texts[i], frame.px(value), top + height + 15));
+      for (const value of xs) pen.fillText(tickText(value, x[0], x[1]), frame.px(value), top + height + 15);
     }
     pen.save();
     pen.translate(12, top + height / 2);
@@ -193,6 +192,11 @@ function powerText(value) {
   const power = Math.round(Math.log10(value)), digits = "⁰¹²³⁴⁵⁶⁷⁸⁹";
   if (Math.abs(power) < 5 || Math.abs(Math.log10(value) - power) > 1e-9) return say(value, 2);
   return `10${power < 0 ? "⁻" : ""}${[...String(Math.abs(power))].map((digit) => digits[Number(digit)]).join("")}`;
+}
+
+function countText(value) {
+  if (value >= 1e7) return `${say(value / 1e6, 3)}M`;
+  return value >= 1e4 ? `${say(value / 1e3, 4)}k` : say(value, 4);
 }
 
 function fitted(pen, text, room) {
@@ -391,7 +395,7 @@ const DRAW = {
     const one = (heading, panes, parts) => {
       const cell = make("div", {}, make("div", { class: "heading" }, heading));
       grid.append(cell);
-      new Chart(cell, { height: 146, left: 46, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
+      new Chart(cell, { height: 146, left: 48, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
     };
     const pane = (...layers) => [{ title: "samples", floor: true, zero: true, layers: [...layers, zero] }];
     const { before, after } = f.own, b = COLOUR.before, a = COLOUR.after;
@@ -425,9 +429,9 @@ const DRAW = {
       const name = starts ? `${stage.name}, start ${stage.start}` : stage.name;
       return { type: "line", name, colour, width: 1.4, dots: true, size: 1.8, x: numbers(stage.x), y: numbers(stage.cost), rmse: stage.rmse };
     });
-    if (f.before > 0) layers.unshift({ type: "level", colour: COLOUR.before, dash: [4, 3], at: [f.before], reach: [f.before] });
+    if (f.before > 0) layers.unshift({ type: "level", name: "before", colour: COLOUR.before, dash: [4, 3], at: [f.before], reach: [f.before] });
     new Chart(host, {
-      height: 280, legend: layers.length <= 24, x: { title: "accepted step", margin: 0.02 }, panes: [{ title: "cost", log: true, layers }],
+      height: 280, legend: layers.length <= 24, x: { title: "accepted step", margin: 0.02, whole: true }, panes: [{ title: "cost", log: true, layers }],
       tip(value, frame, px, py, shown) {
         let best = 16, found = null;
         for (const layer of layers) {

@@ -10,7 +10,9 @@
     const figure = data.figures[Number(host.dataset.figure)];
     try {
       DRAW[figure.kind](host, figure);
+      host.dataset.drawn = "yes";
     } catch (error) {
+      host.dataset.failed = error.stack;
       host.textContent = `This picture could not be drawn: ${error.message}`;
     }
   };
@@ -18,7 +20,10 @@
   const seen = new IntersectionObserver((entries) => {
     for (const entry of entries) if (entry.isIntersecting) draw(entry.target);
   }, { rootMargin: "600px" });
-  hosts.forEach((host) => seen.observe(host));
+  for (const host of hosts) {
+    seen.observe(host);
+    if (host.getBoundingClientRect().top < window.innerHeight + 600) draw(host);
+  }
 
   const opened = [];
   window.addEventListener("beforeprint", () => {

@@ -88,7 +88,11 @@ function slices(host, f, planes, before, after, changed) {
   if (changed) for (const k of chosen) layers.push({ type: "line", colour: "#c3c7cc", width: 0.9, x, y: get(before, k) });
   for (const k of chosen) layers.push({ type: "line", colour: hue(k), width: 1.4, dots: true, size: 1.7, x, y: get(after, k), at: k });
   const title = withUnit(planes[across].title, planes[across].unit);
-  host.append(make("div", { class: "legend" }, make("span", { class: "hint" }, `a line for each ${title}${changed ? ", before in grey" : ""}`)));
+  host.append(make("div", { class: "legend tight" }, make("span", {}, `${title}:`), ...chosen.map((k) => {
+    const swatch = make("i", {});
+    swatch.style.background = hue(k);
+    return make("span", { class: "key" }, swatch, say(lines[k], 4));
+  }), changed ? make("span", { class: "hint" }, "before in grey") : null));
   new Chart(host, {
     height: (width) => Math.max(240, Math.min(380, width * 0.68)), zoom: false, legend: false,
     x: { title: withUnit(planes[along].title, planes[along].unit), margin: 0.02 }, panes: [{ title: withUnit(f.name, f.unit), layers }],
@@ -183,10 +187,10 @@ function fill(host, f, planes, nx, ny, flat, state, words) {
     return node;
   };
   // x runs across and y down, as calibration tools show a map
-  const across = planes[0].points.map((point) => make("th", { scope: "col" }, say(point, 6)));
+  const across = planes[0].points.map((point) => make("th", { scope: "col" }, say(point, 5)));
   const corner = planes.length > 1 ? `${withUnit(planes[1].title, planes[1].unit)} ↓  ${withUnit(planes[0].title, planes[0].unit)} →` : withUnit(planes[0].title, planes[0].unit);
   const rows = Array.from({ length: ny }, (_, j) => make("tr", {},
-    make("th", { scope: "row" }, planes.length > 1 ? say(planes[1].points[j], 6) : withUnit(f.name, f.unit)),
+    make("th", { scope: "row" }, planes.length > 1 ? say(planes[1].points[j], 5) : withUnit(f.name, f.unit)),
     ...Array.from({ length: nx }, (_, i) => cell(i, j))));
   host.replaceChildren(make("table", { class: `grid${nx > 14 ? " dense" : ""}` },
     make("thead", {}, make("tr", {}, make("th", { class: "corner" }, corner), ...across)), make("tbody", {}, ...rows)));
