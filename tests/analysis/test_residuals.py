@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar, formula
 from kennfeld.analysis import residuals
-from kennfeld.analysis.cells import grid_samples
+from kennfeld.analysis.cells import tally
 from kennfeld.analysis.leverage import sample_leverage
 from kennfeld.analysis.lookups import Lookups, coordinates
 from kennfeld.analysis.series import Evaluator
@@ -98,7 +98,7 @@ def test_coordinates_that_a_parameter_moves_are_followed():
         lookups = Lookups(problem, problem.parameters, evaluator.values if computed else ())
         (found,) = residuals(problem, problem.parameters, series=series, lookups=lookups)
         assert found.cells[0].samples.tolist() == [1, 1, 1]
-        assert grid_samples(lookups, problem.parameters, series)["C"].tolist() == [1, 2, 2, 1]
+        assert tally(lookups, problem.parameters, series).touching["C"].tolist() == [1, 2, 2, 1]
 
 
 def test_grid_points_count_the_training_samples_that_give_them_a_weight():
@@ -107,7 +107,12 @@ def test_grid_points_count_the_training_samples_that_give_them_a_weight():
     curve = Curve("C", [0, 10, 20, 30], [0.0] * 4)
     problem = problem_of("y = C(x)", [curve], training, test)
     series = Evaluator(problem).series(problem.parameters)
-    assert grid_samples(Lookups(problem, problem.parameters), problem.parameters, series)["C"].tolist() == [0, 2, 1, 0]
+    assert tally(Lookups(problem, problem.parameters), problem.parameters, series).touching["C"].tolist() == [
+        0,
+        2,
+        1,
+        0,
+    ]
 
 
 def test_many_samples_are_taken_block_by_block(monkeypatch):

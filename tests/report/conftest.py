@@ -10,7 +10,7 @@ import pytest
 
 from kennfeld.project import Project
 
-CRITERION = '\n[[criterion]]\nnode = "y"\ntarget = { channel = "t" }\n'
+CRITERION = '\n[[criterion]]\nnode = "y"\ntarget = { channel = "m" }\n'
 
 
 class Workshop:
@@ -43,7 +43,7 @@ def shop(tmp_path):
 def scattered(count=300, seed=0):
     rng = np.random.default_rng(seed)
     x, z = rng.uniform(0, 10, count), rng.uniform(0, 5, count)
-    return {"x": x, "z": z, "t": x * (1 + 0.1 * z) + rng.normal(0, 0.1, count)}
+    return {"x": x, "z": z, "m": x * (1 + 0.1 * z) + rng.normal(0, 0.1, count)}
 
 
 def a_map(shop):
@@ -65,17 +65,17 @@ def a_cube(shop):
 
 def missing_targets(shop):
     data = scattered()
-    data["t"][::3] = np.nan
+    data["m"][::3] = np.nan
     toml = '[parameters.C]\nx = { input = "x", begin = 0, end = 40, count = 9 }\ninitial = 1\n'
     return shop.project("y = C(x) + 0*z\n", toml, data)
 
 
 def one_sample(shop):
-    return shop.project("y = a + 0*x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "t": [2.0]})
+    return shop.project("y = a + 0*x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "m": [2.0]})
 
 
 def a_failed_fit(shop):
-    data = {"x": [1.0, 2.0], "t": [1.0, 2.0]}
+    data = {"x": [1.0, 2.0], "m": [1.0, 2.0]}
     return shop.project("y = log(0 * x) + a * x\n", "[parameters.a]\ninitial = 1\n", data)
 
 
@@ -89,7 +89,7 @@ def recordings(shop):
         t[k] = state
     toml = '[parameters.C]\nx = { input = "x", begin = 0, end = 4, count = 3 }\ninitial = 1\n'
     toml += "[parameters.T]\ninitial = 2\nbounds = [0.5, 5]\n"
-    return shop.project("y = PT1(C(x), T)\n", toml, {"time [s]": time, "x": x, "t": t})
+    return shop.project("y = PT1(C(x), T)\n", toml, {"time [s]": time, "x": x, "m": t})
 
 
 def two_criteria(shop):

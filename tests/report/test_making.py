@@ -52,8 +52,8 @@ def test_parameters_come_in_the_order_of_their_change(shop, opened):
     toml = "".join(
         f"[parameters.{n}]\nx = {{ breakpoints = [0, 10] }}\ninitial = {v}\n" for n, v in (("A", 5), ("B", 5))
     )
-    data = {"x": np.linspace(0, 10, 50), "t": np.full(50, 5.0), "u": np.full(50, 50.0)}
-    criterion = '\n[[criterion]]\nnode = "y"\ntarget = "t"\n[[criterion]]\nnode = "z"\ntarget = "u"\n'
+    data = {"x": np.linspace(0, 10, 50), "m": np.full(50, 5.0), "u": np.full(50, 50.0)}
+    criterion = '\n[[criterion]]\nnode = "y"\ntarget = "m"\n[[criterion]]\nnode = "z"\ntarget = "u"\n'
     project = shop.project("y = A(x)\nz = B(x)\n", toml, data, criterion=criterion)
     page = opened(document(project, project.calibrate()))
     assert [figure["name"] for figure in page.figures("parameter")] == ["B", "A"]
@@ -66,7 +66,7 @@ def test_names_cannot_become_markup(shop, opened):
     text = f"y = M(%{NASTY}%)\n"
     toml = '[parameters.M]\nx = { breakpoints = [0, 10] }\ninitial = 0\nunit = "<b>"\n'
     toml += f'description = """{NASTY} </script>"""\n'
-    data = {'"' + NASTY.replace('"', '""') + '"': [1.0, 2.0, 3.0], "t": [1.0, 2.0, 4.0]}
+    data = {'"' + NASTY.replace('"', '""') + '"': [1.0, 2.0, 3.0], "m": [1.0, 2.0, 4.0]}
     project = shop.project(text, toml, data)
     page = opened(document(project, project.calibrate(), project.check()))
     assert page.tags.count("script") == 6
@@ -82,7 +82,7 @@ def test_a_long_recording_makes_no_large_report(shop, opened):
     project = shop.project(
         "y = C(x)\n",
         '[parameters.C]\nx = { input = "x", count = 5 }\ninitial = 0\n',
-        {"time [s]": np.arange(count) * 0.01, "x": x.round(3), "t": (x + rng.normal(size=count)).round(3)},
+        {"time [s]": np.arange(count) * 0.01, "x": x.round(3), "m": (x + rng.normal(size=count)).round(3)},
     )
     page = opened(document(project, project.calibrate()))
     assert len(page.text) < 900_000
@@ -97,8 +97,8 @@ def test_a_long_recording_makes_no_large_report(shop, opened):
 def test_many_datasets_share_the_room(shop, opened):
     for i in range(40):
         rng = np.random.default_rng(i)
-        shop.csv(f"part_{i:02}.csv", {"x": rng.uniform(0, 9, 5000), "t": rng.normal(size=5000)})
-    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "t": [1.0]})
+        shop.csv(f"part_{i:02}.csv", {"x": rng.uniform(0, 9, 5000), "m": rng.normal(size=5000)})
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "m": [1.0]})
     toml = project.path.read_text(encoding="utf-8")
     toml += "".join(f'[[dataset]]\nfiles = ["part_{i:02}.csv"]\n' for i in range(40))
     project.path.write_text(toml, encoding="utf-8")
@@ -109,9 +109,9 @@ def test_many_datasets_share_the_room(shop, opened):
 
 
 def test_a_stale_result_is_told(shop, opened, tmp_path):
-    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "t": [1.0, 2, 4]})
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "m": [1.0, 2, 4]})
     write(project.calibrate(), project, tmp_path / "results")
-    shop.csv("bench.csv", {"x": [1.0, 2, 3], "t": [5.0, 2, 4]})
+    shop.csv("bench.csv", {"x": [1.0, 2, 3], "m": [5.0, 2, 4]})
     page = opened(from_folder(Project.read(project.path), tmp_path / "results"))
     assert "cannot be reproduced" in page.words_in_a_row
 
@@ -119,7 +119,7 @@ def test_a_stale_result_is_told(shop, opened, tmp_path):
 class TestFolder:
     @pytest.fixture
     def project(self, shop):
-        return shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "t": [1.0, 2, 4]})
+        return shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "m": [1.0, 2, 4]})
 
     def test_without_a_result_gives_the_start(self, project, tmp_path, opened):
         assert opened(from_folder(project, tmp_path / "results")).data["result"] is None
@@ -150,7 +150,7 @@ class TestFolder:
 
 
 def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):
-    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "t": [1.0]})
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "m": [1.0]})
     result = project.calibrate()
 
     def fails(*_):

@@ -60,8 +60,10 @@ def autocorrelation(
     sums, pairs = np.zeros((2, lags + 1))
     for a, b in pairwise(edges):
         sums += _products(centred[a:b], lags)
-        pairs += _products(known[a:b].astype(np.float64), lags)
-    pairs = np.round(pairs)
+        if count == error.size:
+            pairs += np.maximum(b - a - np.arange(lags + 1), 0)
+        else:
+            pairs += np.round(_products(known[a:b].astype(np.float64), lags))
     if not (np.isfinite(sums).all() and sums[0] > 0):
         return None
     covariance = np.divide(sums, pairs, out=np.zeros(lags + 1), where=pairs > 0)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.analysis.lookups import Lookups, cell_shape
+from kennfeld.analysis.lookups import Lookup, Lookups, cell_shape
 from kennfeld.analysis.series import Series
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Use
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Cells", "by_cell", "grid_samples"]
+__all__ = ["Cells", "Tally", "tally"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,24 +29,53 @@ class Cells:
     rmse: Float  # Float[cells along x, ...]
 
 
-def by_cell(lookups: Lookups, parameters: ParameterSet, series: Sequence[Series]) -> tuple[Cells, ...]:
-    """The errors of every criterion by the cells of every table that it depends on, training and test apart."""
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """The errors by the cells of every table, and how many training samples give each grid point a weight.
+
+    Without states only scored samples count as touching a grid point; with states every one may matter to a later one.
+    """
+
+    cells: tuple[Cells, ...]
+    touching: Mapping[str, Int]  # Int of the table's shape
+
+
+def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Series]) -> Tally:
+    """Go through all lookups once: errors of every criterion by cell, training and test apart, and samples touching."""
     sums: dict[tuple[str, int, Use], Float] = {}
-    for one, same in _by_dataset(series).items():
-        errors = [(s.criterion, s.error) for s in same]
-        for lookup in lookups.blocks(same[0].bound):
-            name, shape = lookup.table.name, cell_shape(lookup.table)
-            flat = lookup.cell
-            for criterion, error in errors:
-                if criterion not in lookups.reached[name]:
-                    continue
-                part = error[lookup.samples]
-                counts = lookup.known & np.isfinite(part)
-                key = (name, criterion, one[1])
-                total = sums.setdefault(key, np.zeros((3, int(np.prod(shape)))))
-                for row, power in zip(total, (0, 1, 2), strict=True):
-                    row += np.bincount(flat[counts], part[counts] ** power, minlength=row.size)
-    return tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in sums.items())
+    touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
+    for (_, use), same in _by_dataset(series).items():
+        bound = same[0].bound
+        counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in same])
+        fits = use == "training" and bound.dataset.weight > 0
+        for lookup in lookups.blocks(bound):
+            name = lookup.table.name
+            if fits:
+                _touch(touching[name], lookup, counts[lookup.samples])
+            for one in same:
+                if one.criterion in lookups.reached[name]:
+                    cells = int(np.prod(cell_shape(lookup.table)))
+                    _sum(sums.setdefault((name, one.criterion, use), np.zeros((3, cells))), lookup, one)
+    return Tally(
+        tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in sums.items()),
+        {name: total.reshape(parameters[name].values.shape) for name, total in touching.items()},
+    )
+
+
+def _touch(total: Int, lookup: Lookup, counts: Bool) -> None:
+    counts = counts & lookup.known
+    for at, weight in lookup.corners():
+        total += np.bincount(at[counts & (weight != 0)], minlength=total.size)
+
+
+def _sum(total: Float, lookup: Lookup, series: Series) -> None:
+    """Add number, sum and sum of squares of the errors to each cell."""
+    errors = series.model[lookup.samples] - series.measured[lookup.samples]
+    counts = lookup.known & np.isfinite(errors)
+    cell, errors = lookup.cell[counts], errors[counts]
+    total[0] += np.bincount(cell, minlength=total.shape[1])
+    total[1] += np.bincount(cell, errors, minlength=total.shape[1])
+    total[2] += np.bincount(cell, errors * errors, minlength=total.shape[1])
 
 
 def _by_dataset(series: Sequence[Series]) -> Mapping[tuple[str, Use], list[Series]]:
@@ -61,21 +90,3 @@ def _cells(name: str, criterion: int, use: Use, shape: tuple[int, ...], total: F
     with np.errstate(invalid="ignore", divide="ignore"):
         mean, square = first / count, second / count
     return Cells(name, criterion, use, count.astype(np.int64), mean, np.sqrt(square))
-
-
-def grid_samples(lookups: Lookups, parameters: ParameterSet, series: Sequence[Series]) -> dict[str, Int]:
-    """For each table, how many training samples give each grid point a weight.
-
-    Without states only scored samples count; with states every one may matter to a later one.
-    """
-    touched = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
-    for (_, use), same in _by_dataset(series).items():
-        if use != "training" or same[0].bound.dataset.weight == 0:
-            continue
-        scored = np.logical_or.reduce([s.scored for s in same])
-        for lookup in lookups.blocks(same[0].bound):
-            counts = lookup.known if lookups.states else lookup.known & scored[lookup.samples]
-            total = touched[lookup.table.name]
-            for at, weight in lookup.corners():
-                total += np.bincount(at[counts & (weight != 0)], minlength=total.size)
-    return {name: total.reshape(parameters[name].values.shape) for name, total in touched.items()}

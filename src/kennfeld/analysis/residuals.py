@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
-from kennfeld.analysis.cells import Cells, by_cell
+from kennfeld.analysis.cells import Cells, tally
 from kennfeld.analysis.leverage import sample_leverage
 from kennfeld.analysis.lookups import Lookups
 from kennfeld.analysis.series import Evaluator, Series
@@ -103,6 +103,7 @@ def residuals(
     worst: int = 20,
     series: Sequence[Series] | None = None,
     lookups: Lookups | None = None,
+    cells: tuple[Cells, ...] | None = None,
 ) -> tuple[Residuals, ...]:
     """Analyse the errors of a parameter set, one entry a criterion.
 
@@ -116,6 +117,7 @@ def residuals(
         worst: how many of the largest errors to list.
         series: the criteria as computed from `parameters`, where that is done already.
         lookups: the lookups at `parameters`, where they are known already.
+        cells: the errors by cell, where they are known already.
 
     Returns:
         The residuals of each criterion that has a scored sample.
@@ -130,9 +132,9 @@ def residuals(
     places = Lookups(problem, parameters) if lookups is None else lookups
     given = getattr(trust, "leverage", None) or {}
     leverage = sample_leverage(problem, places, known, given) if given else None
-    cells = by_cell(places, parameters, known)
+    found = tally(places, parameters, known).cells if cells is None else cells
     return tuple(
-        _of_criterion(problem, i, known, leverage, tuple(c for c in cells if c.criterion == i), worst)
+        _of_criterion(problem, i, known, leverage, tuple(c for c in found if c.criterion == i), worst)
         for i in range(len(problem.criteria))
         if any(one.criterion == i for one in known)
     )

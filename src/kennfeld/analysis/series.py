@@ -39,7 +39,8 @@ class Series:
     @property
     def time(self) -> Float | None:
         """In s, of the kept samples; None for steady-state points."""
-        return None if self.bound.dataset.time is None else self.bound.dataset.time[self.bound.kept]
+        time, picked = self.bound.dataset.time, self.bound.picked
+        return time if time is None or picked is None else time[picked]
 
     @property
     def piece(self) -> Int:

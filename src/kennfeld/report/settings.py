@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.project import Project
+from kennfeld.project.schema import TargetEntry
 
 __all__ = ["settings"]
 
@@ -65,6 +66,8 @@ def worded(value: Any) -> str:
         return _array(value)
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {worded(inner)}" for key, inner in value.items())
+    if isinstance(value, TargetEntry):
+        return worded(value.value) if value.kind == "number" else f"{value.kind} {value.name}".removeprefix("name ")
     if hasattr(value, "__dataclass_fields__"):
         return ", ".join(f"{key} {text}" for _, key, text in _entry("", value) if text)
     if isinstance(value, Sequence) and not isinstance(value, str):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis import Residuals, residuals
-from kennfeld.analysis.cells import grid_samples
+from kennfeld.analysis.cells import tally
 from kennfeld.analysis.lookups import BLOCK, Lookups, coordinates
 from kennfeld.analysis.series import Evaluator, Series
 from kennfeld.arrays import Bool, Float, Int
@@ -176,7 +176,7 @@ def subject(project: Project, result: Result | None, findings: Sequence[Finding]
     after = before if result is None else evaluator.series(parameters)
     lookups = Lookups(problem, parameters, evaluator.values if small else ())
     trust = view(None if result is None else result.trust)
-    counted = grid_samples(lookups, parameters, after)
+    tallied = tally(lookups, parameters, after)
     return Subject(
         project=project,
         problem=problem,
@@ -184,8 +184,8 @@ def subject(project: Project, result: Result | None, findings: Sequence[Finding]
         findings=tuple(findings),
         before=before,
         after=after,
-        residuals=residuals(problem, parameters, trust=trust, series=after, lookups=lookups),
-        changes=_changes(problem, start, parameters, trust, counted),
+        residuals=residuals(problem, parameters, trust=trust, series=after, lookups=lookups, cells=tallied.cells),
+        changes=_changes(problem, start, parameters, trust, tallied.touching),
         trust=trust,
     )
 

@@ -67,6 +67,8 @@ def pooled(scores: Sequence[Score]) -> Score:
 
 
 def _missing(score: Score) -> str:
+    if not np.isfinite(score.rmse[1]):
+        return f"{score.criterion} gives no finite number for some of the {score.samples} samples of {score.use} data"
     error = f"{score.criterion} deviates from {score.target} by {with_unit(score.rmse[1], score.unit)}"
     return f"{error} (RMSE over {score.samples} samples of {score.use} data)"
 
