@@ -2,9 +2,9 @@
 
 from kennfeld.native.accumulator import Accumulator, Normal
 from kennfeld.native.kernel import Kernel, Values
+from kennfeld.native.output import Loss, Output
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
-from kennfeld.native.step import Loss, Output
 from kennfeld.native.triangular import Cholesky, solve_both, solve_lower, solve_upper
 
 __all__ = [

@@ -1,32 +1,15 @@
 """Native functions along an axis, compiled once for all models: the cell that holds a coordinate, a smoothed window."""
 
 import math
-import threading
-from functools import cache
-from typing import Literal
 
 from kennfeld.graph.interpolation import WINDOW
-from kennfeld.native.engine import Engine
+from kennfeld.native.engine import Shared
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.library import call_elementary
 
-__all__ = ["axis_function"]
+__all__ = ["SEARCH", "SMOOTH"]
 
 ONE, ZERO, HALF = literal(1.0), literal(0.0), literal(0.5)
-
-
-_compiling = threading.Lock()  # or two threads would both compile, and one of the engines would go
-
-
-def axis_function(name: Literal["search", "smooth"]) -> str:
-    """A function of this module as generated code calls it."""
-    with _compiling:
-        return f"inttoptr (i64 {_engine(name).address(name)} to ptr)"
-
-
-@cache
-def _engine(name: str) -> Engine:
-    return Engine(_search().text() + (_smooth().text() if name == "smooth" else ""))
 
 
 def _search() -> Function:
@@ -98,3 +81,7 @@ def _ramp(f: Function, point: str) -> tuple[str, str]:
         at_edge = f.new(f"and i1 %linear, {f.new(f'icmp eq i64 {point}, {edge}')}")
         ramp, rise = f.select(at_edge, straight[0], ramp), f.select(at_edge, straight[1], rise)
     return ramp, rise
+
+
+SEARCH = Shared("search", lambda: _search().text())
+SMOOTH = Shared("smooth", lambda: _search().text() + _smooth().text())
