@@ -22,7 +22,7 @@ from kennfeld.native.entries import entries_of, entry_items
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.output import Output, counts, loss_of, scaled_residual
 from kennfeld.native.pullprogram import FILLED, PullProgram
-from kennfeld.native.rows import PulledRows, WrittenRows, output_row, state_row
+from kennfeld.native.slopes import PulledRows, WrittenRows, output_row, state_row
 from kennfeld.native.step import RANGE, Code, loop_code, node_items, step_items
 
 __all__ = ["start_code", "tape_code"]

@@ -10,13 +10,13 @@ from kennfeld.native.ir import literal
 from kennfeld.native.output import Output, counts
 from kennfeld.native.pullprogram import PullProgram
 
-__all__ = ["PulledRows", "Row", "WrittenRows", "output_row", "state_row"]
+__all__ = ["PulledRows", "SlopeRow", "WrittenRows", "output_row", "state_row"]
 
 ZERO = literal(0.0)
 
 
 @dataclass(frozen=True)
-class Row:
+class SlopeRow:
     """A row of slopes as the tape holds it: times `factor` where it `counts`, else 0, whatever the slopes are."""
 
     counts: Callable[[Step], str]  # an i1
@@ -24,12 +24,12 @@ class Row:
     needs: tuple[int, ...] = ()  # nodes that `counts` uses
 
 
-def output_row(at: int, output: Output) -> Row:
+def output_row(at: int, output: Output) -> SlopeRow:
     """The slopes of a residual, which count where the sample is scored."""
-    return Row(lambda step: counts(step.f, at), 1.0 / output.scale)
+    return SlopeRow(lambda step: counts(step.f, at), 1.0 / output.scale)
 
 
-def state_row(node: int) -> Row:
+def state_row(node: int) -> SlopeRow:
     """The slopes of a state, whose value is `node`.
 
     They count where the state is finite: elsewhere only a condition can keep it from the outputs.
@@ -39,13 +39,13 @@ def state_row(node: int) -> Row:
         nothing = step.f.new(f"fsub double {step.value(node)}, {step.value(node)}")
         return step.f.new(f"fcmp oeq double {nothing}, {ZERO}")
 
-    return Row(finite, needs=(node,))
+    return SlopeRow(finite, needs=(node,))
 
 
 class WrittenRows:
     """Rows whose slopes are nodes."""
 
-    def __init__(self, rows: Sequence[Row], slopes: Written) -> None:
+    def __init__(self, rows: Sequence[SlopeRow], slopes: Written) -> None:
         self._rows = tuple(zip(rows, slopes.rows, strict=True))
 
     @property
@@ -96,7 +96,7 @@ class WrittenRows:
 class PulledRows:
     """Rows whose slopes a pull-back finds, once the code has left its factors and seeds and the entries' weights."""
 
-    def __init__(self, rows: Sequence[Row], program: PullProgram) -> None:
+    def __init__(self, rows: Sequence[SlopeRow], program: PullProgram) -> None:
         self._rows = tuple(rows)
         self.program = program
 
@@ -111,7 +111,7 @@ class PulledRows:
     def seed_items(self) -> list[Item]:
         """Items that write where each row's adjoint starts."""
 
-        def start(at: int, row: Row) -> Item:
+        def start(at: int, row: SlopeRow) -> Item:
             def emit(step: Step) -> None:
                 step.f.store(step.f.select(row.counts(step), literal(row.factor), ZERO), "%seeds", at)
 
