@@ -250,7 +250,7 @@ class TestCalibrate:
         assert (tmp_path / "elsewhere" / "result.json").exists()
 
     def test_a_fit_that_ran_out_of_iterations_is_status_1(self, folder, project, capsys):
-        change(project, 'continuation = "off"', 'continuation = "off"\nmax_iterations = 2')
+        change(project, 'continuation = "auto"', 'continuation = "off"\nmax_iterations = 2')
         assert cli.run(["calibrate", str(project)]) == 1
         assert "max_iterations" in capsys.readouterr().out
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
@@ -275,7 +275,7 @@ class TestCtrlC:
         assert cli.run(["calibrate", str(project)]) == 130
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
         assert found["status"] == "stopped"
-        assert found["cost"]["after"] == lines[-1].cost
+        assert found["cost"]["after"] < 0.01 * found["cost"]["before"]
         assert len(lines) == 3
         assert "Ctrl-C again" in capfd.readouterr().err
 
@@ -306,7 +306,6 @@ class TestCtrlC:
         for number in range(30):
             shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
         change(project, '"bench.csv"', '"bench_*.csv"')
-        change(project, 'continuation = "off"', 'continuation = "auto"')
         running = subprocess.Popen(
             [*COMMAND, "calibrate", str(project)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

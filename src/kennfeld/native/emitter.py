@@ -14,7 +14,8 @@ from kennfeld.arrays import Float
 from kennfeld.graph import Node
 from kennfeld.graph.lowering import AxisRef, TableRef
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.ir import LANES, Function, literal
+from kennfeld.native.rows import HEAD, load_sample
 from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_window
 
 __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
@@ -22,10 +23,10 @@ __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
 SEGMENT = 600  # items a function
 
 PARAMETERS = (
-    ("ptr", "data"),  # double[inputs][stride], the samples of one input in a row
-    ("i64", "stride"),
+    ("ptr", "data"),  # ptr[1 + inputs][stride], the order and the inputs, see `rows`; a step's begins at its block
+    ("i64", "stride"),  # blocks of samples
     ("ptr", "values"),  # double[values], all parameters one after the other
-    ("ptr", "axes"),  # double[breakpoints], all axes one after the other
+    ("ptr", "axes"),  # double[breakpoints], see Layout.breakpoints
     ("ptr", "widths"),  # double[axes], standard deviations of the smoothing
     ("ptr", "memory"),  # double[cells], the states
     ("ptr", "hints"),  # i64[hints], ring positions and last cells
@@ -48,6 +49,11 @@ class Layout:
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis_offsets", _before([a.size for a in self.axes]))
         object.__setattr__(self, "memory_offsets", _before(self.latencies))
+
+    @property
+    def breakpoints(self) -> Float:
+        """All axes one after the other, with room to read whole vectors at the end."""
+        return np.concatenate([*self.axes, np.zeros(LANES)])
 
     @property
     def memory(self) -> int:
@@ -90,7 +96,7 @@ class Truth(NamedTuple):
 
 
 class Step:
-    """Code under construction for one sample, within one function."""
+    """Code under construction for one sample, at place `%k` of its block, within one function."""
 
     def __init__(self, f: Function, nodes: Sequence[Node], layout: Layout, frame: Mapping[int, int]) -> None:
         self.f = f
@@ -151,7 +157,7 @@ class Step:
             case "const", float():
                 return literal(payload)
             case "input", str():
-                return f.load(f.at("%data", f.mul("%stride", self.layout.inputs[payload])), "%k")
+                return load_sample(f, "%data", HEAD + self.layout.inputs[payload], "%k")
             case "state", int():
                 return f.load("%memory", self.ring(payload))
             case "position", AxisRef():
@@ -258,7 +264,7 @@ class Step:
 def emit_items(
     name: str, passed: Sequence[tuple[str, str]], items: Sequence[Item], nodes: Sequence[Node], layout: Layout
 ) -> str:
-    """A function `name` that runs the items for sample `%k`; long lists become several functions.
+    """A function `name` that runs the items for the sample at `%k`; long lists become several functions.
 
     `passed` are its parameters besides `k`.
     """

@@ -18,16 +18,19 @@ _compiling = threading.Lock()
 
 
 class Engine:
-    """Machine code of one module; it lives as long as this object and the functions it handed out."""
+    """Machine code of one module; it lives as long as this object and the functions it handed out.
 
-    def __init__(self, text: str) -> None:
+    `vectors` tells that the text works on vectors already: what LLVM would look for to optimise is not there.
+    """
+
+    def __init__(self, text: str, *, vectors: bool = False) -> None:
         with _compiling:
             long = len(text) > LONG
             self._machine = _target_machine(effort=0 if long else 2)
             module = llvm.parse_assembly(_DECLARATIONS + text)
             module.triple = self._machine.triple
             module.data_layout = str(self._machine.target_data)
-            (_tidy if long else _optimise)(module, self._machine)
+            (_tidy if long or vectors else _optimise)(module, self._machine)
             self._engine = llvm.create_mcjit_compiler(module, self._machine)
             self._engine.finalize_object()
 
@@ -116,4 +119,9 @@ declare double @llvm.trunc.f64(double)
 declare i64 @llvm.smin.i64(i64, i64)
 declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
 declare i64 @llvm.smax.i64(i64, i64)
+declare i8 @llvm.ctpop.i8(i8)
+declare double @llvm.maxnum.f64(double, double)
+declare <8 x double> @llvm.fabs.v8f64(<8 x double>)
+declare double @llvm.vector.reduce.fadd.v8f64(double, <8 x double>)
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 """

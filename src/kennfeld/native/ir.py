@@ -5,9 +5,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
 
-__all__ = ["DOUBLE", "Function", "literal"]
+__all__ = ["DOUBLE", "EIGHT", "LANES", "Function", "literal"]
 
 DOUBLE = "double"
+LANES = 8
+EIGHT = f"<{LANES} x double>"
 
 
 def literal(value: float) -> str:
@@ -80,6 +82,11 @@ class Function:
     def fmul(self, a: str, b: str) -> str:
         """Product of two doubles."""
         return self.new(f"fmul contract double {a}, {b}")
+
+    def splat(self, value: str) -> str:
+        """Eight times the same double."""
+        single = self.new(f"insertelement {EIGHT} poison, double {value}, i64 0")
+        return self.new(f"shufflevector {EIGHT} {single}, {EIGHT} poison, <8 x i32> zeroinitializer")
 
     def sum(self, terms: Sequence[str]) -> str:
         """Sum of doubles; 0 where there are none."""
@@ -174,4 +181,4 @@ class Function:
         return f"define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
 
-_ALIGN = {"double": 8, "i64": 8, "i32": 4}
+_ALIGN = {"ptr": 8, "double": 8, EIGHT: 8, "i64": 8, "i32": 4}

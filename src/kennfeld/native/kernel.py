@@ -89,7 +89,7 @@ class Kernel:
             lowered.axes,
             tuple(state.latency for state in graph.states),
         )
-        self.axes = np.concatenate([np.zeros(0), *lowered.axes])
+        self.axes = self.layout.breakpoints
         self.pattern = _pattern(self.line)
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
         self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)

@@ -5,10 +5,11 @@ from typing import Literal
 
 from kennfeld.native.emitter import Step
 from kennfeld.native.ir import Function, literal
+from kennfeld.native.rows import load_sample
 
 __all__ = ["Loss", "Output", "counts", "loss_of", "scaled_residual"]
 
-Loss = Literal["square", "huber", "soft_l1"]
+Loss = Literal["square", "huber", "soft_l1", "excess"]
 ZERO = literal(0.0)
 
 
@@ -32,7 +33,7 @@ def scaled_residual(step: Step, at: int, output: Output) -> tuple[str, str]:
 
 def _target(f: Function, at: int) -> tuple[str, str]:
     """The target of an output, and whether there is one."""
-    target = f.load(f.at("%targets", f.mul("%stride", at)), "%k")
+    target = load_sample(f, "%targets", at, "%k")
     return target, f.new(f"fcmp ord double {target}, {target}")
 
 
@@ -60,3 +61,6 @@ def loss_of(f: Function, r: str, output: Output) -> tuple[str, str]:
             # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
             loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")
             return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
+        case "excess":
+            beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
+            return f.select(beyond, square, ZERO), f.select(beyond, literal(1.0), ZERO)

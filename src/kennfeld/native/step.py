@@ -1,6 +1,7 @@
 """The compiled functions of one model: what they are made of, and those that simulate and sum the cost."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -10,10 +11,24 @@ from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.output import Output, loss_of, scaled_residual
+from kennfeld.native.rows import HEAD, find, visit
 
-__all__ = ["RANGE", "Code", "compiled", "cost_code", "loop_code", "node_items", "step_items", "values_code"]
+__all__ = [
+    "RANGE",
+    "ROW",
+    "Code",
+    "Sample",
+    "compiled",
+    "cost_code",
+    "each_sample",
+    "loop_code",
+    "node_items",
+    "step_items",
+    "values_code",
+]
 
 RANGE = (("i64", "first"), ("i64", "last"))
+ROW = ("i64", "row")
 NOTHING: Mapping[int, Item] = MappingProxyType({})
 ZERO = literal(0.0)
 
@@ -69,15 +84,47 @@ def step_items(line: Linearization, layout: Layout, tail: Items, behind: Mapping
     return [*node_items(line.nodes, roots, behind), *tail, *_advance(line, layout)]
 
 
-def loop_code(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout) -> Code:
-    """A function that runs the step and `tail` for each sample of a range, `%row` counting from its first."""
-    passed = [*PARAMETERS, *extra, ("i64", "row")]
-    step = emit_items(f"{name}_step", passed, step_items(line, layout, tail), line.nodes, layout)
-    f = Function(name, [*PARAMETERS, *extra, *RANGE])
+def loop_code(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout, outputs: int = 0) -> Code:
+    """A function that runs the step and `tail` for each sample of a range; see `each_sample`."""
+    own = [*PARAMETERS, *extra]
+    step = emit_items(f"{name}_step", [*own, ROW], step_items(line, layout, tail), line.nodes, layout)
+    f = Function(name, [*own, *RANGE])
+    with each_sample(f, line, layout, outputs) as sample:
+        f.call(f"{name}_step", [*sample.given(own), *sample.place])
+    return Code(f.name, f.parameters, step + f.text())
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Where a native function stands: at number `row` of its range, which lies in a block of the measurement."""
+
+    f: Function
+    row: str
+    block: str
+    at: str
+
+    def given(self, parameters: Arguments) -> Arguments:
+        """The function's own parameters as arguments of its step, tables moved on to the block."""
+        tables = ("data", "targets")
+        return [(kind, self.f.at(f"%{n}", self.block, "ptr") if n in tables else f"%{n}") for kind, n in parameters]
+
+    @property
+    def place(self) -> Arguments:
+        """The last arguments of a step."""
+        return [("i64", self.row), ("i64", self.at)]
+
+
+@contextmanager
+def each_sample(f: Function, line: Linearization, layout: Layout, outputs: int = 0) -> Iterator[Sample]:
+    """Run the body for each sample from `%first` to before `%last`.
+
+    Without states, sums over `outputs` targets visit the samples in their order.
+    """
+    read = [("%data", HEAD + row) for row in layout.inputs.values()] + [("%targets", row) for row in range(outputs)]
+    order = f.load("%data", kind="ptr")
     with f.loop("%first", "%last") as k:
         row = f.new(f"sub i64 {k}, %first")
-        f.call(f"{name}_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", row), ("i64", k)])
-    return Code(f.name, f.parameters, step + f.text())
+        yield Sample(f, row, *(find(f, k) if line.states or not outputs else visit(f, order, k, read)))
 
 
 def _advance(line: Linearization, layout: Layout) -> list[Item]:
@@ -122,4 +169,4 @@ def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
         return Item((output.node,), emit)
 
     tail = [add(at, output) for at, output in enumerate(outputs)]
-    return loop_code("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout)
+    return loop_code("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout, len(outputs))

@@ -1,14 +1,14 @@
 """LLVM IR of table lookups: weights of the grid points around a coordinate, value and slopes.
 
 A lookup is a list of sides, one an axis. A side knows the weights of the grid points around the coordinate: the two
-ends of a cell, or, for a smoothed axis, a window of weights computed at run time.
+ends of a cell, or, for a smoothed axis, a window of weights computed at run time (see `smoothing`).
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.native.axis import SEARCH, SMOOTH
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.ir import LANES, Function, literal
 
 __all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
 
@@ -102,8 +102,8 @@ def _walk(
 
 
 def smooth_window(f: Function, x: str, points: str, count: int, width: str, linear: bool) -> Window:
-    """Weights of a smoothed axis: differences of the ramps t Phi(t/s) + s phi(t/s), see graph.interpolation."""
-    weight, slope = f.slot("double", count), f.slot("double", count)
+    """The window of weights of a smoothed axis around x."""
+    weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
     bounds = f.slot("i64", 2)
     f.do(
         f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "

@@ -22,14 +22,14 @@ from kennfeld.native.entries import entries_of, entry_items
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.output import Output, counts, loss_of, scaled_residual
 from kennfeld.native.pullprogram import FILLED, PullProgram
+from kennfeld.native.rows import find
 from kennfeld.native.slopes import PulledRows, WrittenRows, output_row, state_row
-from kennfeld.native.step import RANGE, Code, loop_code, node_items, step_items
+from kennfeld.native.step import RANGE, ROW, Code, Sample, each_sample, loop_code, node_items, step_items
 
 __all__ = ["start_code", "tape_code"]
 
 TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
 START = tuple(("ptr", name) for name in ("index", "slope", "count"))
-ROW = (("i64", "row"),)
 ZERO = literal(0.0)
 
 
@@ -48,7 +48,7 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
     written = WrittenRows(rows, line.slopes)
     tail += written.matrix_items(line.seeds, len(outputs))
     tail += entry_items(line, layout, line.atoms, written.writer, written.needs)
-    return loop_code("tape", TAPE, tail, line, layout)
+    return loop_code("tape", TAPE, tail, line, layout, len(outputs))
 
 
 def _residual(at: int, output: Output, outputs: int) -> Item:
@@ -72,16 +72,16 @@ def _pulled_tape(line: Linearization, layout: Layout, rows: PulledRows, tail: li
     program, outputs, n = rows.program, len(line.outputs), len(line.seeds)
     tail = [*tail, *rows.seed_items(), *entry_items(line, layout, line.atoms, rows.writer, rows.needs)]
     items = step_items(line, layout, tail, rows.factor_items())
-    step = emit_items("tape_step", [*PARAMETERS, *TAPE, *FILLED, *ROW], items, line.nodes, layout)
-    f = Function("tape", [*PARAMETERS, *TAPE, *RANGE])
+    own = [*PARAMETERS, *TAPE]
+    step = emit_items("tape_step", [*own, *FILLED, ROW], items, line.nodes, layout)
+    f = Function("tape", [*own, *RANGE])
     memory = program.memory(f)
     filled = [(kind, memory[name]) for kind, name in FILLED]
-    with f.loop("%first", "%last") as k:
-        row = f.new(f"sub i64 {k}, %first")
-        f.call("tape_step", [*_given(PARAMETERS), *_given(TAPE), *filled, ("i64", row), ("i64", k)])
-        c, a = (f.at(matrix, f.mul(row, size * n)) for matrix, size in (("%c", outputs), ("%a", n)))
-        slope = f.at("%slope", f.mul(row, room * program.rows))
-        program.run(f, memory, entries=_entry_count(f, row), slope=slope, outputs=outputs, c=c, a=a)
+    with each_sample(f, line, layout, outputs) as sample:
+        f.call("tape_step", [*sample.given(own), *filled, *sample.place])
+        c, a = (f.at(matrix, f.mul(sample.row, size * n)) for matrix, size in (("%c", outputs), ("%a", n)))
+        slope = f.at("%slope", f.mul(sample.row, room * program.rows))
+        program.run(f, memory, entries=_entry_count(f, sample.row), slope=slope, outputs=outputs, c=c, a=a)
     program.free(f, memory)
     return Code(f.name, f.parameters, program.tables() + step + f.text())
 
@@ -96,9 +96,11 @@ def start_code(line: Linearization, layout: Layout) -> Code:
     items = node_items(line.nodes, [*line.starts, *written.slope_nodes])
     items += entry_items(line, layout, line.start_atoms, written.writer, written.needs)
     items.append(_fill_memory(line, layout))
-    step = emit_items("start_step", [*PARAMETERS, *START, *ROW], items, line.nodes, layout)
-    f = Function("start", [*PARAMETERS, *START, ("i64", "k")])
-    f.call("start_step", [*_given(PARAMETERS), *_given(START), ("i64", "0"), ("i64", "%k")])
+    own = [*PARAMETERS, *START]
+    step = emit_items("start_step", [*own, ROW], items, line.nodes, layout)
+    f = Function("start", [*own, ("i64", "k")])
+    sample = Sample(f, "0", *find(f, "%k"))
+    f.call("start_step", [*sample.given(own), *sample.place])
     return Code(f.name, f.parameters, step + f.text())
 
 
@@ -108,11 +110,12 @@ def _pulled_start(line: Linearization, layout: Layout, rows: PulledRows) -> Code
     items = node_items(line.nodes, line.starts, rows.factor_items())
     items += [*rows.seed_items(), *entry_items(line, layout, line.start_atoms, rows.writer, rows.needs)]
     items.append(_fill_memory(line, layout))
-    step = emit_items("start_step", [*PARAMETERS, *START, *FILLED, *ROW], items, line.nodes, layout)
-    f = Function("start", [*PARAMETERS, *START, ("i64", "k")])
-    memory = program.memory(f)
+    own = [*PARAMETERS, *START]
+    step = emit_items("start_step", [*own, *FILLED, ROW], items, line.nodes, layout)
+    f = Function("start", [*own, ("i64", "k")])
+    memory, sample = program.memory(f), Sample(f, "0", *find(f, "%k"))
     filled = [(kind, memory[name]) for kind, name in FILLED]
-    f.call("start_step", [*_given(PARAMETERS), *_given(START), *filled, ("i64", "0"), ("i64", "%k")])
+    f.call("start_step", [*sample.given(own), *filled, *sample.place])
     program.run(f, memory, entries=_entry_count(f, "0"), slope="%slope", outputs=0, c="null", a="null")
     program.free(f, memory)
     return Code(f.name, f.parameters, program.tables() + step + f.text())
@@ -132,11 +135,6 @@ def _fill_memory(line: Linearization, layout: Layout) -> Item:
                 f.store("0", "%hints", i, "i64")
 
     return Item(tuple(line.starts), emit)
-
-
-def _given(parameters: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Parameters of a function, handed on as arguments."""
-    return [(kind, f"%{name}") for kind, name in parameters]
 
 
 def _entry_count(f: Function, row: str) -> str:

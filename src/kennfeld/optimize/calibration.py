@@ -1,7 +1,7 @@
 """Run a calibration problem from start to result."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -10,17 +10,22 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
-from kennfeld.optimize.continuation import descend_smoothed
+from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.output_limits import OutputLimits
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "run"]
+
+CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,9 @@ class _Run:
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
+        smoothed = options.continuation != "off"
+        self.continuation = Continuation.of(problem, self.exact) if smoothed else None
+        self.outputs = OutputLimits(problem) if problem.limits else None
         self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
@@ -67,14 +75,12 @@ class _Run:
 
     def result(self) -> Result:
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
         before = self.objective.cost(given)
         infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits)
-        full = self.exact.start.copy()
-        full[: end.values.size] = end.values
-        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        end = infeasible if start is None else self._limited(self._descend(start, limits), start, limits)
+        parameters = self._parameters(end.values)
         trust = self._informed(end)
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
@@ -97,21 +103,40 @@ class _Run:
         )
 
     def _descend(self, start: Float, limits: Limits) -> Descent:
-        """The plain descent and, where there are creases to smooth, the continuation; the lower cost wins."""
+        """The end of the lowest cost: of the plain descent and, where there are creases, of continuations.
+
+        Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
+        long one is worth its time.
+        """
         settings = self.options.settings
-        plain = gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain"))
-        if self.options.continuation == "off" or plain.status in ("stopped", "failed"):
-            return plain
-        other = descend_smoothed(self.problem, self.exact, start, limits, settings, self._report)
-        if other is None:
-            return plain
-        iterations, evaluations = plain.iterations + other.iterations, plain.evaluations + other.evaluations
-        best = min(plain, other, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
-        if other.status == "stopped":
-            best = replace(best, status=other.status, message=other.message)
-        elif best.status == "failed":
-            best = replace(best, status=plain.status, message=plain.message)
-        return replace(best, iterations=iterations, evaluations=evaluations)
+        ends: list[Descent] = []
+        if self.continuation is not None:
+            ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
+        if not ends or ends[-1].status != "stopped":
+            ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
+        if self.continuation is not None and _differ(ends):
+            ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+        return _lowest(ends)
+
+    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end moved to where the limits of outputs hold; from there, else from the start."""
+        outputs = self.outputs
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self._parameters(end.values)):
+            return end
+        ends = [end]
+        for at in (end.values, start):
+            ends.append(
+                outputs.descend(self.objective, at, limits, self.options.settings, self._parameters, self._report)
+            )
+            if ends[-1].status != "infeasible":
+                break
+        best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
+        return _with_effort(best, ends)
+
+    def _parameters(self, values: Float) -> ParameterSet:
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
 
     def _report(self, stage: str, line: Iteration, values: Float) -> None:
         cost = line.cost - self.exact.roughness.cost(values)
@@ -147,6 +172,31 @@ class _Run:
             )
             for name in self.problem.free_names
         }
+
+
+def _differ(ends: Sequence[Descent]) -> bool:
+    """Whether all descents ran to their end, and these are not about equal."""
+    if any(end.status in ("stopped", "failed") for end in ends):
+        return False
+    costs = [end.cost for end in ends]
+    return max(costs) - min(costs) > CREASED * min(costs)
+
+
+def _lowest(ends: Sequence[Descent]) -> Descent:
+    """The best of several descents, with the effort of all."""
+    best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
+    if ends[-1].status == "stopped":
+        best = replace(best, status=ends[-1].status, message=ends[-1].message)
+    elif best.status == "failed":
+        other = next((end for end in ends if end.status != "failed"), best)
+        best = replace(best, status=other.status, message=other.message)
+    return _with_effort(best, ends)
+
+
+def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+    """An end with the iterations and evaluations of all."""
+    effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
+    return replace(best, **effort)
 
 
 def _require(problem: Problem) -> None:

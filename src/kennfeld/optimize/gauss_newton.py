@@ -13,8 +13,9 @@ from typing import Literal, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Cholesky, solve_both
-from kennfeld.optimize.quadratic import Limits, Solution, solve
+from kennfeld.native import Cholesky, Factor
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.quadratic import Solution, solve
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
 
@@ -43,6 +44,9 @@ class Objective(Protocol):
 
     def floor(self, diagonal: Float) -> Float:
         """The least scale of each value, given the diagonal of the Gauss-Newton matrix."""
+
+    def cholesky(self, size: int) -> Cholesky:
+        """What factors the matrix of `size` of its values; it knows the zeros of those before."""
 
 
 @dataclass(frozen=True)
@@ -127,11 +131,11 @@ class _Linearised:
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
 
-    def factor(self, damping: float, cholesky: Cholesky) -> tuple[Float, Float] | None:
-        """Lower factor of the damped matrix and the step without limits; None where it is not positive definite."""
+    def factor(self, damping: float) -> tuple[Factor, Float] | None:
+        """Factor of the damped matrix and the step without limits; None where it is not positive definite."""
         if self.matrix is not None:
-            factor = cholesky.factor(self.matrix, damping * self.scale)
-            return None if factor is None else (factor, solve_both(factor, -self.gradient))
+            factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damping * self.scale)
+            return None if factor is None else (factor, factor.solve(-self.gradient))
         stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
         upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
         diagonal = np.abs(np.diag(upper))
@@ -139,9 +143,9 @@ class _Linearised:
             return None
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
-        return lower, np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
+        return Factor.of(lower), np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
 
-    def bend(self, factor: Float, step: Float) -> Float:
+    def bend(self, factor: Factor, step: Float) -> Float:
         """Geodesic acceleration: the correction of a step for the curvature of the residuals along it.
 
         M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012. Small problems only.
@@ -152,7 +156,7 @@ class _Linearised:
         if not np.all(np.isfinite(ahead)):
             return np.full(step.size, np.inf)
         curved = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
-        return solve_both(factor, -(self.jacobian.T @ curved))
+        return factor.solve(-(self.jacobian.T @ curved))
 
     def gain(self, step: Float) -> float:
         """Predicted decrease of the cost."""
@@ -226,7 +230,6 @@ class _Descending:
 
     def _iterate(self, movable: Int) -> Descent:
         narrow = self.limits.narrowed(movable, self.at)
-        self.cholesky = Cholesky(0 if self.objective.small else movable.size)
         while self.iterations < self.settings.max_iterations:
             line = _Linearised(self.objective, self.at, movable, self.cost, self.scale)
             self.scale = line.scale
@@ -242,7 +245,7 @@ class _Descending:
     def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
         """Raise the damping until a step lowers the cost; None to go on from there."""
         while self.damping < MOST_DAMPING:
-            found = line.factor(self.damping, self.cholesky)
+            found = line.factor(self.damping)
             if found is None:
                 self._harder()
                 continue

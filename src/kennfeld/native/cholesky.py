@@ -1,0 +1,318 @@
+"""Cholesky factorisation of a symmetric matrix within its envelope, and solves with the factor.
+
+A matrix of lookups is sparse: a row of data ties the few grid points around it. What the factor fills is known from
+the order of the values (see `envelope`); a dense factorisation would work on the zeros outside as well.
+Blocks of eight rows are stored column by column, so that all work is on vectors of eight.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, aligned
+from kennfeld.native.engine import Engine
+from kennfeld.native.envelope import BLOCK, Envelope
+from kennfeld.native.ir import EIGHT, LANES, Function, literal
+
+__all__ = ["Cholesky", "Factor"]
+
+POOR = 1.5  # times the work of the order when it was found
+
+
+@dataclass(frozen=True)
+class Factor:
+    """L of L L' = P H P', where P puts the values in the envelope's order."""
+
+    envelope: Envelope
+    panels: Float  # the blocks of the envelope
+    inverse: Float  # Float[blocks * BLOCK], one over the diagonal
+
+    @classmethod
+    def of(cls, lower: Float) -> "Factor":
+        """A lower triangle as a factor.
+
+        >>> Factor.of(np.array([[2.0, 0.0], [1.0, 1.0]])).solve(np.array([4.0, 4.0]))
+        array([0., 2.])
+        """
+        size = len(lower)
+        envelope = Envelope.full(size)
+        made = cls(envelope, _empty(envelope), np.ones(envelope.blocks * BLOCK))
+        made.load(lower, np.zeros(size))
+        made.inverse[:size] = 1 / np.diag(lower)
+        return made
+
+    def load(self, matrix: Float, diagonal: Float) -> bool:
+        """Take the lower triangle of matrix + diag(diagonal); whether all its non-zeros lie in the envelope."""
+        counts = np.zeros(2, dtype=np.int64)
+        if matrix.strides[1] != matrix.itemsize:
+            matrix = np.ascontiguousarray(matrix)
+        given = (matrix.ctypes.data, matrix.strides[0] // matrix.itemsize, diagonal.ctypes.data)
+        order = (self.envelope.order.ctypes.data, self.envelope.size)
+        _functions()["load"](*self._pointers, *given, *order, counts.ctypes.data)
+        return bool(counts[0] == counts[1])
+
+    def factor(self) -> bool:
+        """Replace what was loaded by its factor; whether it is positive definite."""
+        failed = np.zeros(1, dtype=np.int64)
+        _functions()["factor"](*self._pointers, failed.ctypes.data)
+        return not failed[0]
+
+    def solve_lower(self, right: Float) -> Float:
+        """X of L x = P b for each row b of `right`, a vector or (rows, size); x is padded to whole blocks."""
+        rows = np.zeros((*right.shape[:-1], self.inverse.size))
+        rows[..., : self.envelope.size] = right[..., self.envelope.order]
+        _functions()["forward"](*self._pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
+        return rows
+
+    def solve_upper(self, right: Float) -> Float:
+        """X of L' P x = b for each row b of `right`, of the shape that `solve_lower` returns."""
+        rows = np.array(right, dtype=np.float64, order="C")
+        _functions()["backward"](*self._pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
+        solved = np.empty((*rows.shape[:-1], self.envelope.size))
+        solved[..., self.envelope.order] = rows[..., : self.envelope.size]
+        return solved
+
+    def solve(self, right: Float) -> Float:
+        """X of H x = b for each row b of `right`."""
+        return self.solve_upper(self.solve_lower(right))
+
+    @property
+    def _pointers(self) -> tuple[int, ...]:
+        start, first = self.envelope.start, self.envelope.first
+        arrays = (self.panels, start, first, self.inverse)
+        return (*(array.ctypes.data for array in arrays), self.envelope.blocks)
+
+
+def _empty(envelope: Envelope) -> Float:
+    return aligned(int(envelope.start[-1]))
+
+
+class Cholesky:
+    """Factors symmetric matrices of one size, in memory of its own: fresh memory would take as long as the work.
+
+    It learns where they have non-zeros: the envelope is made anew when a matrix has one outside.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._pattern: Bool = np.eye(size, dtype=bool)
+        self._least = 0.0  # work of the envelope when its order was found
+        self._take(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
+
+    @property
+    def size(self) -> int:
+        """How many rows its matrices have."""
+        return self._factor.envelope.size
+
+    def _take(self, envelope: Envelope) -> None:
+        self._factor = Factor(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
+
+    def _widened(self) -> Envelope:
+        """The envelope of all non-zeros so far; a new order is looked for only where the old one has become poor."""
+        kept = Envelope.ordered(self._pattern, self._factor.envelope.order)
+        if kept.work <= POOR * self._least:
+            return kept
+        found = Envelope.of(self._pattern)
+        self._least = found.work
+        return found
+
+    def factor(self, matrix: Float, diagonal: Float) -> Factor | None:
+        """Factor matrix + diag(diagonal), until the next call; None where that is not positive definite.
+
+        >>> factor = Cholesky(2).factor(np.array([[4.0, 2.0], [2.0, 1.0]]), np.array([0.0, 1.0]))
+        >>> factor.solve(np.array([6.0, 4.0]))
+        array([1., 1.])
+        """
+        diagonal = np.ascontiguousarray(diagonal)
+        if not self._factor.load(matrix, diagonal):
+            self._pattern |= matrix != 0
+            self._take(self._widened())
+            self._factor.load(matrix, diagonal)
+        return self._factor if self._factor.factor() else None
+
+
+FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
+MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))
+ROWS = (("ptr", "rows"), ("i64", "count"))
+ZERO, ONE = literal(0.0), literal(1.0)
+
+
+@cache
+def _functions() -> dict[str, Callable[..., None]]:
+    written = [_load(), _factor(), _forward(), _backward()]
+    engine = Engine("".join(f.text() for f in written), vectors=True)
+    return {f.name: engine.function(f.name, f.parameters) for f in written}
+
+
+def _panel(f: Function, block: str) -> str:
+    """The address of column 0 of a block row; only those from its first on exist."""
+    return f.at("%panels", f.load("%start", block, "i64"))
+
+
+def _first(f: Function, block: str) -> str:
+    """The first column of a block row."""
+    return f.mul(f.load("%first", block, "i64"), BLOCK)
+
+
+def _column(f: Function, panel: str, column: str) -> str:
+    return f.at(panel, column, EIGHT)
+
+
+def _load() -> Function:
+    """`load(factor, matrix, counts)`: fill the panels; counts non-zeros below the diagonal, and those in the panels."""
+    f = Function("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
+    with f.loop(0, "%size") as i:
+        row = f.at("%matrix", f.mul(i, "%stride"))
+        whole = f.new(f"and i64 {i}, -{LANES}")
+        _count_eights(f, row, whole)
+        _count(f, row, whole, i, lambda j: j, "0")
+    with f.loop(0, "%blocks") as block, f.loop(0, BLOCK) as lane:
+        i = f.add(f.mul(block, BLOCK), lane)
+        inside = f.new(f"icmp slt i64 {i}, %size")
+        place = f.at(_panel(f, block), lane)
+        first, end = _first(f, block), f.mul(f.add(block, 1), BLOCK)
+        with f.when(inside):
+            source = f.load("%order", i, "i64")
+            row = f.at("%matrix", f.mul(source, "%stride"))
+            with f.loop(first, i) as k:
+                f.store(f.load(row, f.load("%order", k, "i64")), place, f.mul(k, BLOCK))
+            _count(f, row, first, i, lambda k: f.load("%order", k, "i64"), "1")
+            own = f.fadd(f.load(row, source), f.load("%diagonal", source))
+            f.store(own, place, f.mul(i, BLOCK))
+        with f.when(f.new(f"xor i1 {inside}, true")):
+            with f.loop(first, end) as k:
+                f.store(ZERO, place, f.mul(k, BLOCK))
+            f.store(ONE, place, f.mul(i, BLOCK))
+    return f
+
+
+def _count(f: Function, row: str, first: str | int, end: str, index: Callable[[str], str], result: str) -> None:
+    """Add to a count the non-zeros of a row."""
+    total = f.slot("i64")
+    f.store("0", total, kind="i64")
+    with f.loop(first, end) as k:
+        there = f.new(f"fcmp une double {f.load(row, index(k))}, {ZERO}")
+        f.store(f.add(f.load(total, kind="i64"), f.new(f"zext i1 {there} to i64")), total, kind="i64")
+    f.store(f.add(f.load("%counts", result, "i64"), f.load(total, kind="i64")), "%counts", result, "i64")
+
+
+def _count_eights(f: Function, row: str, end: str) -> None:
+    """Add to the first count the non-zeros of the first `end` entries of a row, a multiple of eight."""
+    with f.walk(end) as (k, position):
+        entries = f.load(f.at(row, k), kind=EIGHT)
+        there = f.new(f"fcmp une {EIGHT} {entries}, zeroinitializer")
+        bits = f.new(f"bitcast <{LANES} x i1> {there} to i{LANES}")
+        count = f.new(f"zext i{LANES} {f.new(f'call i{LANES} @llvm.ctpop.i{LANES}(i{LANES} {bits})')} to i64")
+        f.store(f.add(f.load("%counts", 0, "i64"), count), "%counts", 0, "i64")
+        f.store(f.add(k, LANES), position, kind="i64")
+
+
+def _factor() -> Function:
+    """`factor(factor, failed)`: block row by block row, each block from those left of it."""
+    f = Function("factor", [*FACTOR, ("ptr", "failed")])
+    with f.loop(0, "%blocks") as i:
+        panel, first = _panel(f, i), f.load("%first", i, "i64")
+        with f.loop(first, i) as j:
+            other = _panel(f, j)
+            later = f.new(f"call i64 @llvm.smax.i64(i64 {_first(f, i)}, i64 {_first(f, j)})")
+            rest = _reduced(f, panel, other, later, f.mul(j, BLOCK))
+            _divide(f, panel, other, j, rest)
+        rest = _reduced(f, panel, panel, _first(f, i), f.mul(i, BLOCK))
+        _factor_block(f, panel, i, rest)
+    return f
+
+
+def _reduced(f: Function, panel: str, other: str, first: str, end: str) -> list[str]:
+    """The eight columns of a block, less the product of the columns from `first` on; `other` is the block column's."""
+    rest = [f.slot(EIGHT) for _ in range(BLOCK)]
+    for c, column in enumerate(rest):
+        f.store(f.load(_column(f, panel, f.add(end, c)), kind=EIGHT), column, kind=EIGHT)
+    with f.loop(first, end) as k:
+        own = f.load(_column(f, panel, k), kind=EIGHT)
+        scalars = _column(f, other, k)
+        for c, column in enumerate(rest):
+            f.store(_less(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
+    return [f.load(column, kind=EIGHT) for column in rest]
+
+
+def _less(f: Function, column: str, vector: str, scalar: str) -> str:
+    """The column less vector times scalar."""
+    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
+    return f.new(f"fsub contract {EIGHT} {column}, {product}")
+
+
+def _divide(f: Function, panel: str, other: str, j: str, rest: list[str]) -> None:
+    """Columns of the block: X L' = rest with the diagonal block L of block row j."""
+    at = f.mul(j, BLOCK)
+    done: list[str] = []
+    for c in range(BLOCK):
+        column = rest[c]
+        for d, solved in enumerate(done):
+            column = _less(f, column, solved, f.load(_column(f, other, f.add(at, d)), c))
+        scale = f.splat(f.load("%inverse", f.add(at, c)))
+        done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
+    for c, column in enumerate(done):
+        f.store(column, _column(f, panel, f.add(at, c)), kind=EIGHT)
+
+
+def _factor_block(f: Function, panel: str, i: str, rest: list[str]) -> None:
+    """The diagonal block: one column after the other, taken out of those that follow."""
+    at = f.mul(i, BLOCK)
+    for c in range(BLOCK):
+        pivot = f.new(f"extractelement {EIGHT} {rest[c]}, i64 {c}")
+        positive = f.new(f"fcmp ogt double {pivot}, {ZERO}")
+        finite = f.new(f"fcmp olt double {pivot}, {literal(float('inf'))}")
+        with f.when(f.new(f"xor i1 {f.new(f'and i1 {positive}, {finite}')}, true")):
+            f.store("1", "%failed", kind="i64")
+            f.do("ret void")
+            f.begin(f.label("on"))
+        root = f.new(f"call double @llvm.sqrt.f64(double {pivot})")
+        inverse = f.new(f"fdiv double {ONE}, {root}")
+        f.store(inverse, "%inverse", f.add(at, c))
+        rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {f.splat(inverse)}")
+        for d in range(c + 1, BLOCK):
+            rest[d] = _less(f, rest[d], rest[c], f.new(f"extractelement {EIGHT} {rest[c]}, i64 {d}"))
+        f.store(rest[c], _column(f, panel, f.add(at, c)), kind=EIGHT)
+
+
+def _forward() -> Function:
+    """`forward(factor, rows)`: L x = b in place, from the first block of b that is not zero."""
+    f = Function("forward", [*FACTOR, *ROWS])
+    with f.loop(0, "%count") as number:
+        x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
+        with f.loop(0, "%blocks") as i:
+            panel, at = _panel(f, i), f.mul(i, BLOCK)
+            rest = f.slot(EIGHT)
+            f.store(f.load(f.at(x, at), kind=EIGHT), rest, kind=EIGHT)
+            with f.loop(_first(f, i), at) as k:
+                column = f.load(_column(f, panel, k), kind=EIGHT)
+                f.store(_less(f, f.load(rest, kind=EIGHT), column, f.load(x, k)), rest, kind=EIGHT)
+            for c in range(BLOCK):
+                now = f.load(rest, kind=EIGHT)
+                own = f.new(f"extractelement {EIGHT} {now}, i64 {c}")
+                value = f.fmul(own, f.load("%inverse", f.add(at, c)))
+                f.store(value, x, f.add(at, c))
+                f.store(_less(f, now, f.load(_column(f, panel, f.add(at, c)), kind=EIGHT), value), rest, kind=EIGHT)
+    return f
+
+
+def _backward() -> Function:
+    """`backward(factor, rows)`: L' x = b in place."""
+    f = Function("backward", [*FACTOR, *ROWS])
+    with f.loop(0, "%count") as number:
+        x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
+        with f.loop(0, "%blocks") as back:
+            i = f.new(f"sub i64 {f.add('%blocks', -1)}, {back}")
+            panel, at = _panel(f, i), f.mul(i, BLOCK)
+            for c in reversed(range(BLOCK)):
+                column = _column(f, panel, f.add(at, c))
+                later = [(f.load(column, d), f.load(x, f.add(at, d))) for d in range(c + 1, BLOCK)]
+                rest = f.new(f"fsub double {f.load(x, f.add(at, c))}, {f.dot(later)}")
+                f.store(f.fmul(rest, f.load("%inverse", f.add(at, c))), x, f.add(at, c))
+            solved = f.load(f.at(x, at), kind=EIGHT)
+            with f.loop(_first(f, i), at) as k:
+                product = f.new(f"fmul contract {EIGHT} {f.load(_column(f, panel, k), kind=EIGHT)}, {solved}")
+                total = f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {ZERO}, {EIGHT} {product})")
+                f.store(f.new(f"fsub double {f.load(x, k)}, {total}"), x, k)
+    return f
