@@ -1,16 +1,18 @@
 """Exact derivatives of one time step, as further nodes of the same graph.
 
-The calibratable values enter through atoms, the `interpolate` nodes of free parameters. One reverse sweep a row
-(output or next state) gives its slopes with respect to every atom and every state that carries a parameter's
-influence. Conditions switch adjoints instead of multiplying them, so a value that is not finite in a branch not taken
-never reaches the result; where such an adjoint meets a slope, `guard` keeps 0 times infinity at 0.
+The calibratable values enter through atoms, the `interpolate` nodes of free parameters and the `position` nodes of
+free axes. A position p is where the breakpoints, as a curve B over 0, 1, ..., take the value x: B(p) = x. So its slope
+with respect to a breakpoint is minus the breakpoint's weight in B(p), times the slope of p with respect to x. One
+reverse sweep a row (output or next state) gives its slopes with respect to every atom and every state that carries a
+parameter's influence. Conditions switch adjoints instead of multiplying them, so a value that is not finite in a
+branch not taken never reaches the result; where such an adjoint meets a slope, `guard` keeps 0 times infinity at 0.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.lowering import dependent
+from kennfeld.graph.lowering import Free, dependent, enters
 from kennfeld.graph.node import Builder, Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
 
@@ -22,9 +24,9 @@ class Linearization:
     """A step and its derivatives.
 
     `nodes` extend those of the graph. Rows are the `outputs`, then the next values of the `carried` states, which are
-    the states that depend on a free parameter. `slopes[row]` maps an atom or a state node to the node of the
-    derivative. `starts[state]` is the node of a state's first value, free of states; `start_slopes` are the derivatives
-    of the carried ones with respect to atoms.
+    the states that depend on a free value. `slopes[row]` maps an atom or a state node to the node of the derivative,
+    for a position that with respect to B(p). `starts[state]` is the node of a state's first value, free of states;
+    `start_slopes` are the derivatives of the carried ones with respect to atoms.
     """
 
     nodes: tuple[Node, ...]
@@ -48,14 +50,14 @@ class Linearization:
         return tuple(sorted({seed for row in self.start_slopes for seed in row}))
 
 
-def differentiate(graph: Graph, outputs: Sequence[int], free: Collection[str]) -> Linearization:
-    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to the parameters `free`.
+def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Linearization:
+    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to what is `free`.
 
     Raises `ArgumentError` where the first value of a state depends on itself.
     """
 
     def is_atom(node: Node) -> bool:
-        return node.op == "interpolate" and node.payload.name in free
+        return enters(node, free)
 
     live = dependent(graph, is_atom)
     b = Builder.of(graph)
@@ -104,9 +106,14 @@ def _reverse(b: Builder, root: int, active: Collection[int], is_atom: Callable[[
         adjoint, switched = sums.total[at], at in sums.switched
         node = b.nodes[at]
         if node.op == "state" or is_atom(node):
-            found[at] = adjoint
+            found[at] = _of_breakpoints(b, at, adjoint, switched) if node.op == "position" else adjoint
         _push(b, sums, at, adjoint, switched, active)
     return found
+
+
+def _of_breakpoints(b: Builder, at: int, adjoint: int, switched: bool) -> int:
+    """The derivative with respect to B(p), from that with respect to the position p."""
+    return b.call("neg", b.call("guard" if switched else "mul", adjoint, _lookup_slope(b, at, 0)))
 
 
 def _reachable(b: Builder, root: int, active: Collection[int]) -> list[int]:

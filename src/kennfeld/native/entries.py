@@ -1,6 +1,9 @@
-"""Code that writes the entries of a tape: the columns that a sample touches, and the slopes of every row there."""
+"""Code that writes the entries of a tape: the columns that a sample touches, and the slopes of every row there.
 
-from collections.abc import Callable, Mapping, Sequence
+A lookup touches the grid points around its coordinate; a position on a free axis the breakpoints around it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.derivative import Linearization
@@ -27,6 +30,9 @@ def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Ent
     room, fixed = 0, True
     for atom in atoms:
         points = 1
+        if line.nodes[atom].op == "position":
+            room += min(layout.axes[line.nodes[atom].payload.number].size, 2)
+            continue
         table = line.nodes[atom].payload
         for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
             points *= count if smoothed else min(count, 2)
@@ -75,16 +81,29 @@ class _Writer:
     @property
     def needs(self) -> tuple[int, ...]:
         """The nodes whose values the code uses."""
-        return (*self.line.nodes[self.atom].args, *(row[self.atom] for row in self.rows if self.atom in row))
+        op, args, _ = self.line.nodes[self.atom]
+        own = (self.atom,) if op == "position" else args
+        return (*own, *(row[self.atom] for row in self.rows if self.atom in row))
 
     def emit(self, step: Step) -> None:
         """Write all grid points of the atom."""
         slopes = [self.slope_of(step, r, self.atom) if self.atom in row else ZERO for r, row in enumerate(self.rows)]
-        _, args, table = self.line.nodes[self.atom]
         start = step.f.mul("%row", self.entries.room)
-        for number, corner in enumerate(corners(step.f, step.sides(table, args), self.layout.strides(table.name))):
+        for number, corner in enumerate(self._corners(step)):
             self._write(step, step.f.add(start, self._number(step, number)), corner, slopes)
             self._count(step)
+
+    def _corners(self, step: Step) -> Iterator[Corner]:
+        op, args, payload = self.line.nodes[self.atom]
+        if op == "position":
+            return corners(step.f, [step.cell(self.atom)], [1])
+        return corners(step.f, step.sides(payload, args), self.layout.strides(payload.name))
+
+    @property
+    def _column(self) -> int:
+        """The first column of the table or axis."""
+        op, _, payload = self.line.nodes[self.atom]
+        return self.layout.moving[payload.key] if op == "position" else self.layout.offsets[payload.name]
 
     def _number(self, step: Step, number: int) -> str:
         if self.entries.fixed:
@@ -93,7 +112,7 @@ class _Writer:
 
     def _write(self, step: Step, place: str, corner: Corner, slopes: Sequence[str]) -> None:
         f = step.f
-        column = f.add(corner.index, self.layout.offsets[self.line.nodes[self.atom].payload.name])
+        column = f.add(corner.index, self._column)
         f.store(f.new(f"trunc i64 {column} to i32"), "%index", place, "i32")
         into = f.at("%slope", f.mul(place, len(slopes)))
         for row, slope in enumerate(slopes):
