@@ -38,9 +38,9 @@ class Axis:
 
     `name` is set for a group axis, which several tables share; `input` names the quantity on the axis.
 
-    With `free`, a calibration moves the breakpoints. They stay at least `min_distance` apart (None: a twentieth of
-    their mean distance, less where they are closer already). The first and the last one stay where they are unless
-    `range` gives the limits within which all of them may move.
+    With `free`, a calibration moves the breakpoints. They stay at least `min_distance` apart; None stands for a
+    twentieth of their mean distance, or the smallest where that is less. The first and the last one stay where they are
+    unless `range` gives the limits within which all of them may move.
 
     >>> Axis([700, 1000, 1500], input="Speed", unit="rpm").breakpoints
     array([ 700., 1000., 1500.])
@@ -113,12 +113,11 @@ class Axis:
         return self.name or self.input or "without a name"
 
     @property
-    def least_distances(self) -> Float:
-        """How close each two neighbouring breakpoints may come while they move, Float[points - 1]."""
-        gaps: Float = np.diff(self.breakpoints)
-        if self.min_distance is not None:
-            return np.minimum(gaps, self.min_distance)
-        return np.minimum(gaps, gaps.mean() * CLOSEST) if gaps.size else gaps
+    def least_distance(self) -> float:
+        """How close two neighbouring breakpoints may come while they move; infinite for a single one."""
+        gaps = np.diff(self.breakpoints)
+        wanted = CLOSEST * float(gaps.mean()) if self.min_distance is None and gaps.size else self.min_distance
+        return min(float(gaps.min(initial=np.inf)), np.inf if wanted is None else wanted)
 
     def changed(self, **changes: Any) -> "Axis":
         """The same axis with some of its attributes replaced."""

@@ -9,6 +9,7 @@ from kennfeld.arrays import ArrayLike
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
+from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model
@@ -37,6 +38,7 @@ def calibrate(
     criteria: Sequence[Criterion] = (),
     test: Data | Sequence[Data] = (),
     free: Sequence[str] = ("*",),
+    free_axes: Sequence[str] = (),
     smoothness: float | Smoothness = 0.0,
     limits: Mapping[str, tuple[float, float]] | None = None,
     pins: Sequence[Pin] = (),
@@ -55,6 +57,8 @@ def calibrate(
         criteria: several targets, with weights and losses.
         test: data that are scored, never fitted.
         free: glob patterns of the parameters to fit; the others are kept.
+        free_axes: glob patterns of the axes whose breakpoints to fit: group axes by name, others as `Table.x`. Axes
+            made with `Axis(..., free=True)` are fitted in any case.
         smoothness: factor for all tables, or by parameter, or by parameter and axis.
         limits: lower and upper bound of all values of a parameter, in its unit, by name.
         pins: values that hold exactly at a coordinate.
@@ -70,7 +74,9 @@ def calibrate(
     >>> result.status, round(result.parameters["b"].value, 9)
     ('converged', 2.0)
     """
-    parameters = _bounded(_parameters(start), limits or {})
+    if isinstance(free_axes, str):
+        raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
+    parameters = freed(_bounded(_parameters(start), limits or {}), free_axes)
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
     training, scored = _datasets(data, "training"), _datasets(test, "test")
     if target is not None:

@@ -10,9 +10,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.placing import Placing
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.quadratic import Limits
@@ -80,11 +82,14 @@ class _Run:
         full[: end.values.size] = end.values
         parameters = self.exact.values.unpack(full, self.problem.parameters)
         trust = self._informed(end)
+        axes = self.problem.free_axes
+        crowded = told(axes, self.exact.values.breakpoints(full, self.problem.parameters))
+        values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
             message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
+                part for part in (end.message, remark if start is not None else "", _unseen(trust), crowded) if part
             ),
             parameters=parameters,
             start=self.problem.parameters,
@@ -95,7 +100,7 @@ class _Run:
             cost_before=before,
             cost_after=end.cost,
             free_values=int(limits.movable.sum()),
-            fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
+            fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             trust=trust,
         )
@@ -114,10 +119,13 @@ class _Run:
             ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+        if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
+            placing = Placing(self.problem, self.exact)
+            ends.append(placing.descend(_lowest(ends).values, limits, settings, self._report))
         return _lowest(ends)
 
-    def _report(self, stage: str, line: Iteration, values: Float) -> None:
-        cost = line.cost - self.exact.roughness.cost(values)
+    def _report(self, stage: str, line: Iteration, values: Float, compiled: Compiled | None = None) -> None:
+        cost = line.cost - (compiled or self.exact).roughness.cost(values)
         entry = TraceLine(
             iteration=line.iteration,
             start=1,
@@ -181,6 +189,7 @@ def _require(problem: Problem) -> None:
         findings.append(
             Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
         )
+    findings += left_behind(problem.free_axes, problem.free_names)
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
     else:

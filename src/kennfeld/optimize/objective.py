@@ -6,6 +6,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.errors import InputError
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.native import Cholesky
+from kennfeld.optimize.breakpoints import bounds_of, order_of
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.quadratic import Limits, pins
 
@@ -22,6 +23,7 @@ class SumOfSquares:
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
+        self._order = order_of(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._cholesky = Cholesky(0 if self._small else self._free)
@@ -46,7 +48,9 @@ class SumOfSquares:
         return self._full
 
     def cost(self, values: Float) -> float:
-        """Sum of losses plus roughness."""
+        """Sum of losses plus roughness; infinite where breakpoints are out of order."""
+        if not self._order.kept(values):
+            return np.inf
         return self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
 
     def normal(self, values: Float) -> tuple[Float, Float]:
@@ -74,6 +78,10 @@ class SumOfSquares:
             if at < self._free:
                 size = self._compiled.problem.parameters[name].size
                 floor[at : at + size] = FLOOR * diagonal[at : at + size].mean() if size > 1 else 0.0
+        for key, at in self._compiled.values.moving.items():
+            if at < self._free:
+                part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
+                floor[part] = FLOOR * diagonal[part].mean()
         return floor
 
 
@@ -87,6 +95,9 @@ def limits_of(problem: Problem, compiled: Compiled) -> Limits:
         held = parameter.locked.ravel()
         lower[part] = np.where(held, parameter.values.ravel(), parameter.lower.ravel())
         upper[part] = np.where(held, parameter.values.ravel(), parameter.upper.ravel())
+    for key, axis in problem.free_axes.items():
+        part = slice(compiled.values.moving[key], compiled.values.moving[key] + len(axis.axis))
+        lower[part], upper[part] = bounds_of(axis, problem.parameters, problem.pins)
     rows = []
     for pin in problem.pins:
         if pin.parameter not in problem.free_names:
