@@ -122,7 +122,7 @@ class Interpreter:
                 return result
 
     def _points(self, axis: AxisRef) -> Float:
-        return self.axes[axis.number] if axis.key is None else self.moving[axis.key]
+        return self.axes[axis.number] if axis.key is None else self.moving.get(axis.key, self.axes[axis.number])
 
     def _sides(self, table: TableRef, args: Sequence[Float]) -> list[tuple[Float, Float]]:
         shape = self.parameters[table.name].values.shape

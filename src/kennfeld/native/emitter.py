@@ -15,6 +15,7 @@ from kennfeld.graph.free_axes import AxisKey
 from kennfeld.graph.lowering import AxisRef, TableRef
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
 from kennfeld.native.ir import LANES, Function, literal
+from kennfeld.native.rows import HEAD, load_sample
 from kennfeld.native.smoothing import smooth_window
 from kennfeld.native.tables import Cell, Window, corners, find_cell
 
@@ -23,8 +24,8 @@ __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
 SEGMENT = 600  # items a function
 
 PARAMETERS = (
-    ("ptr", "data"),  # double[inputs][stride], the samples of one input in a row
-    ("i64", "stride"),
+    ("ptr", "data"),  # ptr[1 + inputs][stride], the order and the inputs, see `rows`; a step's begins at its block
+    ("i64", "stride"),  # blocks of samples
     ("ptr", "values"),  # double[values], all parameters one after the other
     ("ptr", "axes"),  # double[breakpoints], see Layout.breakpoints
     ("ptr", "widths"),  # double[axes], standard deviations of the smoothing
@@ -90,7 +91,7 @@ class Item:
 
 
 class Step:
-    """Code under construction for one sample, within one function."""
+    """Code under construction for one sample, at place `%k` of its block, within one function."""
 
     def __init__(self, f: Function, nodes: Sequence[Node], layout: Layout, frame: Mapping[int, int]) -> None:
         self.f = f
@@ -141,7 +142,7 @@ class Step:
             case "const", float():
                 return literal(payload)
             case "input", str():
-                return f.load(f.at("%data", f.mul("%stride", self.layout.inputs[payload])), "%k")
+                return load_sample(f, "%data", HEAD + self.layout.inputs[payload], "%k")
             case "state", int():
                 return f.load("%memory", self.ring(payload))
             case "position", AxisRef():
@@ -257,7 +258,7 @@ class Step:
 def emit_items(
     name: str, passed: Sequence[tuple[str, str]], items: Sequence[Item], nodes: Sequence[Node], layout: Layout
 ) -> str:
-    """A function `name` that runs the items for sample `%k`; long lists become several functions.
+    """A function `name` that runs the items for the sample at `%k`; long lists become several functions.
 
     `passed` are its parameters besides `k`.
     """

@@ -112,5 +112,6 @@ declare i64 @llvm.smax.i64(i64, i64)
 declare double @llvm.maxnum.f64(double, double)
 declare <8 x double> @llvm.fabs.v8f64(<8 x double>)
 declare double @llvm.vector.reduce.fadd.v8f64(double, <8 x double>)
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 """
 _DECLARATIONS = _INTRINSICS + "".join(_declare(name, count) for name, count in C_FUNCTIONS.items())

@@ -1,7 +1,7 @@
 """A small writer of LLVM IR text: functions, loops and branches, so that the emitters read like the code they emit."""
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
 
@@ -143,18 +143,6 @@ class Function:
         self.begin(done)
 
     @contextmanager
-    def as_long_as(self, condition: Callable[[], str]) -> Iterator[None]:
-        """Run the body again and again while the i1 that `condition` writes holds."""
-        head, body, done = self.label("head"), self.label("body"), self.label("done")
-        self.do(f"br label %{head}")
-        self.begin(head)
-        self.do(f"br i1 {condition()}, label %{body}, label %{done}")
-        self.begin(body)
-        yield
-        self.do(f"br label %{head}")
-        self.begin(done)
-
-    @contextmanager
     def when(self, condition: str) -> Iterator[None]:
         """Run the body where an i1 holds."""
         body, done = self.label("then"), self.label("end")
@@ -176,4 +164,4 @@ class Function:
         return f"define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
 
-_ALIGN = {"double": 8, EIGHT: 8, "i64": 8, "i32": 4}
+_ALIGN = {"ptr": 8, "double": 8, EIGHT: 8, "i64": 8, "i32": 4}

@@ -55,22 +55,20 @@ class Corner:
 
 
 def search_function() -> str:
-    """`kf_search(breakpoints, count, x, result)`: the cell that holds x, by bisection; 0 for NaN."""
+    """`kf_search(breakpoints, count, x, result)`: the cell that holds x, 0 for NaN.
+
+    Bisection by selects: which half it is cannot be foretold, and a branch foretold wrongly costs more than the rest.
+    """
     f = Function("kf_search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")], "noinline")
-    low, high = f.slot("i64"), f.slot("i64")
+    cells, low = f.add("%count", -1), f.slot("i64")
     f.store("0", low, kind="i64")
-    f.store(f.add("%count", -1), high, kind="i64")
-
-    def open_() -> str:
-        width = f.new(f"sub i64 {f.load(high, kind='i64')}, {f.load(low, kind='i64')}")
-        return f.new(f"icmp ugt i64 {width}, 1")
-
-    with f.as_long_as(open_):
-        a, b = f.load(low, kind="i64"), f.load(high, kind="i64")
-        middle = f.new(f"lshr i64 {f.add(a, b)}, 1")
+    with f.walk(f.add("%count", -2)) as (excluded, position):
+        half = f.new(f"lshr i64 {f.new(f'sub i64 {cells}, {excluded}')}, 1")
+        left = f.load(low, kind="i64")
+        middle = f.add(left, half)
         right = f.new(f"fcmp oge double %x, {f.load('%points', middle)}")
-        f.store(f.new(f"select i1 {right}, i64 {middle}, i64 {a}"), low, kind="i64")
-        f.store(f.new(f"select i1 {right}, i64 {b}, i64 {middle}"), high, kind="i64")
+        f.store(f.new(f"select i1 {right}, i64 {middle}, i64 {left}"), low, kind="i64")
+        f.store(f.add(excluded, half), position, kind="i64")
     f.store(f.load(low, kind="i64"), "%result", kind="i64")
     return f.text()
 

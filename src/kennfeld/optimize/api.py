@@ -16,7 +16,8 @@ from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.optimize.binding import bind
 from kennfeld.optimize.calibration import Options, Progress, run
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.constraints import Pin
+from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes

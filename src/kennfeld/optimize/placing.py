@@ -20,20 +20,31 @@ from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize.breakpoints import bounds_of
 from kennfeld.optimize.elimination import Dense, eliminated
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.parameters import Axis, Parameter, ParameterSet
 
-__all__ = ["Placing", "densified", "thickened"]
+__all__ = ["Placing", "coarse", "densified", "thickened"]
 
 PARTS = 8  # cells that a cell of a free axis is cut into
-MOST_VALUES = 1500  # of the dense problem
+MOST_VALUES = 1000  # of the dense problem
 ROUNDS = 3
 GAIN = 1e-3  # relative fall of the cost for which another round is worth its time
 STIFFNESS = 1e-6  # of the mean curvature: what ties values without data to their neighbours
+CREEP = 1e-5  # relative change of the cost at which moving breakpoints only creep from one sample to the next
 Report = Callable[[str, Iteration, Float, Compiled], None]
+
+
+def coarse(settings: Settings) -> Settings:
+    """Settings of a descent in which breakpoints move.
+
+    The cost has a crease wherever a breakpoint meets a sample. Between noisy samples these catch a descent, which then
+    creeps on in tiny steps that gain nothing but time.
+    """
+    return replace(settings, tolerance=max(settings.tolerance, CREEP), trusted=np.inf)
 
 
 class Placing:
@@ -44,7 +55,30 @@ class Placing:
         self._objective = SumOfSquares(exact)
 
     def descend(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
-        """The best end of several rounds."""
+        """The best end of several rounds, its values then fitted while the breakpoints stand still."""
+        best = self._rounds(start, limits, coarse(settings), report)
+        if best.status == "stopped":
+            return best
+        still = gauss_newton(
+            self._objective,
+            best.values,
+            self._standing(limits, best.values),
+            settings,
+            lambda line, values: report("still", line, values, self._exact),
+        )
+        iterations, evaluations = best.iterations + still.iterations, best.evaluations + still.evaluations
+        return replace(still, iterations=iterations, evaluations=evaluations)
+
+    def _standing(self, limits: Limits, values: Float) -> Limits:
+        """The limits with every breakpoint where it is."""
+        lower, upper = limits.lower.copy(), limits.upper.copy()
+        for key, at in self._exact.values.moving.items():
+            if at < self._exact.values.free:
+                part = slice(at, at + len(self._problem.free_axes[key].axis))
+                lower[part] = upper[part] = values[part]
+        return replace(limits, lower=lower, upper=upper)
+
+    def _rounds(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
         best: Descent | None = None
         iterations = evaluations = 0
         for _ in range(ROUNDS):
@@ -69,7 +103,7 @@ class Placing:
         dense = thickened(here, parts)
         compiled = Compiled(dense)
         quick = replace(settings, tolerance=max(settings.tolerance, 1e-5), patience=2)
-        objective, narrow = SumOfSquares(compiled), limits_of(dense, compiled)
+        objective, narrow = SumOfSquares(compiled), limits_of(dense, compiled.values)
         begin, _ = project(objective.start, narrow)
         if begin is None:
             return stay
@@ -198,7 +232,7 @@ def _dense(here: Problem, dense: Problem, compiled: Compiled, key: AxisKey) -> D
     axis: FreeAxis = here.free_axes[key]
     table, direction = axis.places[0]
     points = dense.parameters[table].axes[direction].breakpoints
-    low, high = bounds_of(axis, here.parameters, here.pins)
+    low, high = bounds_of(axis, here.parameters, here.held)
     stays = np.isin(points, axis.axis.breakpoints[low == high])
     stays[[0, -1]] = True
     lines = []

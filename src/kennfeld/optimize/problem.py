@@ -1,6 +1,7 @@
 """A calibration problem: model, data, parameters and criteria; and its compiled form."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
@@ -16,8 +17,9 @@ from kennfeld.graph.split import split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Samples
 from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.breakpoints import fitted_axes
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.breakpoints import Place, fitted_axes
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.moving_roughness import roughness_of
 from kennfeld.parameters import ParameterSet
@@ -44,6 +46,8 @@ class Problem:
     smoothness: Smoothness = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[Shape | Equality, ...] = ()
+    limits: tuple[Limit, ...] = ()
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -55,6 +59,12 @@ class Problem:
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
         """The axes whose breakpoints are fitted."""
         return fitted_axes(self.parameters, self.free_names)
+
+    @property
+    def held(self) -> list[Place]:
+        """The places at which pins and equalities fix what a lookup gives."""
+        terms = [term for c in self.constraints if isinstance(c, Equality) for term in c.terms]
+        return [(pin.parameter, pin.at) for pin in self.pins] + [(t.parameter, t.at) for t in terms if t.at is not None]
 
     @cached_property
     def training(self) -> tuple[Bound, ...]:
@@ -92,7 +102,8 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
-        return np.where(bound.scored & np.isfinite(values), values, np.nan)
+        counts = bound.scored & ~np.isinf(values)
+        return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
         """Smoothness of each axis of a parameter."""
@@ -153,11 +164,15 @@ class Compiled:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [
-            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
-            for piece in samples.pieces
-        ]
+        parts = [samples.scored(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
+
+    def reweighted(self, factors: Float) -> "Compiled":
+        """The same with the weight of each criterion times a factor; nothing is compiled again."""
+        made = copy(self)
+        made.samples = self.samples.reweighted(factors)
+        made.accumulator = Accumulator(self.kernel, made.samples)
+        return made
 
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
@@ -165,9 +180,10 @@ class Compiled:
 
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
+        remembers = self.kernel.line.states or self._split.prepared.states
         sources = [
             Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.training
+            for bound in (bound if remembers else bound.whole for bound in problem.training)
         ]
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
@@ -182,14 +198,13 @@ class Compiled:
         elif mine == list(theirs):
             samples = other.samples
         else:
-            rows = other.samples.data[[theirs[name] for name in mine]]
-            samples = Samples(rows, other.samples.targets, other.samples.pieces)
+            samples = other.samples.with_inputs([theirs[name] for name in mine])
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
 def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
     """The graph with `dt` a constant where all data have the same even step."""
-    steps = {float(step) for bound in bounds if "dt" in bound.columns for step in _extremes(bound.columns["dt"])}
+    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     if len(steps) != 1:
         return graph
     step = steps.pop()

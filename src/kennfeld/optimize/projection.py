@@ -4,7 +4,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.native import Factor
-from kennfeld.optimize.quadratic import Limits, solve
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.quadratic import solve
 
 __all__ = ["project"]
 
@@ -30,9 +31,10 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     there[movable] = narrow.clip(here + step)
     missed = limits.violations(there, size)
     if not np.all(missed <= FEASIBLE):
-        worst = int(np.argmax(np.nan_to_num(missed, nan=np.inf)))
-        return None, f"Pins contradict bounds, locks or each other: pin {worst + 1} cannot be met."
-    return there, "The start did not keep the pins and was moved to the nearest values that do."
+        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")[:3]
+        named = "; ".join(limits.rows.names[row] for row in worst if not missed[row] <= FEASIBLE)
+        return None, f"Limits contradict bounds, locks or each other. Not met: {named}."
+    return there, "The start did not keep its limits and was moved to the nearest values that do."
 
 
 def _sizes(values: Float) -> Float:
