@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.interpolation import cell_weights, position
@@ -12,7 +12,7 @@ from kennfeld.native import Values
 from kennfeld.optimize.limits import Rows
 from kennfeld.parameters import Parameter, ParameterSet
 
-__all__ = ["Place", "bounds_of", "fitted_axes", "left_behind", "order_of", "rising", "told"]
+__all__ = ["Place", "bounds_of", "fitted_axes", "left_behind", "order_of", "rising", "slopes_along", "told"]
 
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 TOUCHING = 1e-6  # of the mean distance, within which two breakpoints stand at their least distance
@@ -75,6 +75,21 @@ def order_of(axes: Mapping[AxisKey, FreeAxis], values: Values) -> Rows:
             names = tuple(f"distance of breakpoints {i + 1} and {i + 2} of {key}" for i in gaps)
             lower, upper = (np.full(gaps.size, side) for side in (axis.axis.least_distance, np.inf))
             parts.append(Rows(columns, np.broadcast_to([-1.0, 1.0], columns.shape), lower, upper, names))
+    return Rows.together(parts)
+
+
+def slopes_along(values: Int, points: Int, sides: tuple[float, float], names: tuple[str, ...]) -> Rows:
+    """Limits of the slope between neighbours whose breakpoints move: `lower (x2 - x1) <= z2 - z1 <= upper (x2 - x1)`.
+
+    Linear in values and breakpoints together. `values` and `points` are the columns of z1, z2 and of x1, x2, both
+    Int[rows, 2].
+    """
+    columns, parts = np.hstack([values, points]), []
+    nothing = np.zeros(len(columns))
+    for side, (low, high) in zip(sides, ((0.0, np.inf), (-np.inf, 0.0)), strict=True):
+        if np.isfinite(side):
+            coefficients = np.broadcast_to([-1.0, 1.0, side, -side], columns.shape)
+            parts.append(Rows(columns, coefficients, nothing + low, nothing + high, names))
     return Rows.together(parts)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.graph import OPERATIONS, Builder, Graph
-from kennfeld.graph.free_axes import AxisKey, FreeAxis
+from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
@@ -59,6 +59,16 @@ class Problem:
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
         """The axes whose breakpoints are fitted."""
         return fitted_axes(self.parameters, self.free_names)
+
+    @property
+    def idle_axes(self) -> list[AxisKey]:
+        """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
+        used = self.model.graph.parameters
+        return [
+            key
+            for key, axis in free_axes(self.parameters).items()
+            if key not in self.free_axes and any(name in used for name, _ in axis.places)
+        ]
 
     @property
     def held(self) -> list[Place]:

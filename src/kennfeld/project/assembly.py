@@ -16,6 +16,7 @@ from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.project.coverage import Coverage, touched
 from kennfeld.project.criteria import build_criteria
+from kennfeld.project.free_breakpoints import check_free_axes
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
@@ -78,6 +79,7 @@ class _Assembling:
         if self._failed or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, pins)
+        self.findings += check_free_axes(self.file, problem)
         self._check_samples(problem)
         return None if self._failed else self._locked(problem, tables)
 
