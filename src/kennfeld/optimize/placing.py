@@ -6,18 +6,16 @@ fitted; then the breakpoints that matter least are removed, until as many are le
 From there they move. Because the dense axis holds the breakpoints it was made from, this can be repeated.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.graph.free_axes import AxisKey, FreeAxis
-from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.arrays import Float
+from kennfeld.graph.free_axes import AxisKey
 from kennfeld.optimize.breakpoints import bounds_of
+from kennfeld.optimize.densifying import parts_of, thickened, turns_of
 from kennfeld.optimize.elimination import Dense, eliminated
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.limiting import limits_of
@@ -25,14 +23,13 @@ from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.parameters import Axis, Parameter, ParameterSet
+from kennfeld.parameters import ParameterSet
 
-__all__ = ["Placing", "coarse", "densified", "thickened"]
+__all__ = ["Placing", "coarse"]
 
-PARTS = 8  # cells that a cell of a free axis is cut into
-MOST_VALUES = 1000  # of the dense problem
 ROUNDS = 3
 GAIN = 1e-3  # relative fall of the cost for which another round is worth its time
+RIDGE = 1e-10  # of each curvature, for what no data can tell apart
 STIFFNESS = 1e-6  # of the mean curvature: what ties values without data to their neighbours
 CREEP = 1e-5  # relative change of the cost at which moving breakpoints only creep from one sample to the next
 Report = Callable[[str, Iteration, Float, Compiled], None]
@@ -79,181 +76,125 @@ class Placing:
         return replace(limits, lower=lower, upper=upper)
 
     def _rounds(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
-        best: Descent | None = None
-        iterations = evaluations = 0
+        """Rounds over all axes, while they are worth it."""
+        best = Descent(start, self._objective.cost(start), "converged", "The cost no longer falls.", 0, 1)
         for _ in range(ROUNDS):
-            found = self._round(start if best is None else best.values, limits, settings, report)
-            iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
-            worth = best is None or found.cost < best.cost * (1 - GAIN)
-            if best is None or found.cost < best.cost or found.status == "stopped":
-                lower = found if best is None or found.cost < best.cost else best
-                best = replace(lower, status=found.status, message=found.message)
-            if not worth or best.status == "stopped":
+            before = best.cost
+            for keys in turns_of(self._problem):
+                best = _better(best, self._round(best.values, keys, limits, settings, report))
+                if best.status == "stopped":
+                    return best
+            if not best.cost < before * (1 - GAIN):
                 break
-        assert best is not None
-        return replace(best, iterations=iterations, evaluations=evaluations)
+        return best
 
-    def _round(self, at: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
+    def _round(
+        self, at: Float, keys: Collection[AxisKey], limits: Limits, settings: Settings, report: Report
+    ) -> Descent:
         """Dense fit, choice of breakpoints, and the descent from there."""
-        stay = Descent(at, self._objective.cost(at), "converged", "", 0, 1)
-        here = self._with_axes(self._parameters(at))
-        parts = parts_of(here)
-        if all(count == 1 for counts in parts.values() for count in counts):
-            return stay
-        dense = thickened(here, parts)
-        compiled = Compiled(dense)
-        quick = replace(settings, tolerance=max(settings.tolerance, 1e-5), patience=2)
-        objective, narrow = SumOfSquares(compiled), limits_of(dense, compiled.values)
-        begin, _ = project(objective.start, narrow)
-        if begin is None:
-            return stay
-        found = gauss_newton(objective, begin, narrow, quick, lambda line, v: report("dense", line, v, compiled))
-        effort = found.iterations, found.evaluations
-        if found.status in ("stopped", "failed"):
-            return replace(stay, status=found.status, message=found.message, iterations=effort[0])
-        chosen, _ = project(self._chosen(here, dense, compiled, narrow, found.values), limits)
+        here = replace(self._problem, parameters=self._parameters(at))
+        parts = parts_of(here, keys)
+        if not parts:
+            return Descent(at, np.inf, "converged", "", 0, 0)
+        dense = _Dense(thickened(here, parts))
+        found = dense.descend(settings, report)
+        if found is None or found.status in ("stopped", "failed"):
+            return Descent(at, np.inf, "converged", "", 0, 0) if found is None else replace(found, cost=np.inf)
+        chosen, _ = project(self._chosen(here, dense, keys, found.values), limits)
         if chosen is None:
-            return stay
-        moved = partial(report, "placed")
-        end = gauss_newton(self._objective, chosen, limits, settings, lambda line, v: moved(line, v, self._exact))
-        return replace(end, iterations=end.iterations + effort[0], evaluations=end.evaluations + effort[1])
+            return replace(found, cost=np.inf)
+        placed = partial(report, "placed")
+        end = gauss_newton(self._objective, chosen, limits, settings, lambda line, v: placed(line, v, self._exact))
+        effort = {name: getattr(end, name) + getattr(found, name) for name in ("iterations", "evaluations")}
+        return replace(end, **effort)
 
     def _parameters(self, at: Float) -> ParameterSet:
         full = self._exact.start.copy()
         full[: at.size] = at
         return self._exact.values.unpack(full, self._problem.parameters)
 
-    def _with_axes(self, parameters: ParameterSet) -> Problem:
-        return replace(self._problem, parameters=parameters)
-
-    def _chosen(self, here: Problem, dense: Problem, compiled: Compiled, limits: Limits, values: Float) -> Float:
+    def _chosen(self, here: Problem, dense: "_Dense", keys: Collection[AxisKey], values: Float) -> Float:
         """Free values of the problem itself: the breakpoints that are left of the dense axes, and the values there."""
-        _, matrix = SumOfSquares(compiled).normal(values)
-        keys = list(here.free_axes)
-        axes = [_dense(here, dense, compiled, key) for key in keys]
-        inverse = _inverse(matrix, np.flatnonzero(limits.movable), axes)
-        left, fitted = eliminated(axes, values, inverse)
-        full = compiled.start.copy()
-        full[: fitted.size] = fitted
-        held = compiled.values.unpack(full, dense.parameters)
+        axes = {key: dense.axis(here, key) for key in keys}
+        left, fitted = eliminated(list(axes.values()), values, dense.inverse(values, list(axes.values())))
         kept = dict(zip(keys, left, strict=True))
-        points = {key: axis.points[kept[key]] for key, axis in zip(keys, axes, strict=True)}
-        return self._packed(here, held, points, kept)
-
-    def _packed(
-        self, here: Problem, held: ParameterSet, points: Mapping[AxisKey, Float], kept: Mapping[AxisKey, Int]
-    ) -> Float:
-        flat = self._exact.start.copy()
+        held = dense.parameters(fitted)
+        flat = self._exact.values.pack(here.parameters)
         for name in self._problem.free_names:
-            values = held[name].values
-            for key, axis in here.free_axes.items():
-                for table, which in axis.places:
-                    if table == name:
-                        values = np.take(values, kept[key], axis=which)
-            at = self._exact.values.offsets[name]
-            flat[at : at + values.size] = values.ravel()
-        for key, at in self._exact.values.moving.items():
-            if key in points:
-                flat[at : at + points[key].size] = points[key]
+            table = held[name].values
+            for key in keys:
+                for which in (which for place, which in here.free_axes[key].places if place == name):
+                    table = np.take(table, kept[key], axis=which)
+            first = self._exact.values.offsets[name]
+            flat[first : first + table.size] = table.ravel()
+        for key, axis in axes.items():
+            first = self._exact.values.moving[key]
+            flat[first : first + kept[key].size] = axis.points[kept[key]]
         return flat[: self._exact.values.free]
 
 
-def parts_of(problem: Problem) -> dict[AxisKey, Int]:
-    """Into how many parts to cut each cell of each free axis, so that the dense problem stays moderate."""
-    for parts in range(PARTS, 1, -1):
-        found = {key: _parts(axis.axis, parts) for key, axis in problem.free_axes.items()}
-        if sum(_size(problem, name, found) for name in problem.free_names) <= MOST_VALUES:
-            return found
-    return {key: np.ones(len(axis.axis) - 1, dtype=np.int64) for key, axis in problem.free_axes.items()}
+def _better(best: Descent, found: Descent) -> Descent:
+    """The lower of two ends, with the effort of both."""
+    lower = found if found.cost < best.cost else best
+    if found.status == "stopped":
+        lower = replace(lower, status=found.status, message=found.message)
+    effort = {name: getattr(best, name) + getattr(found, name) for name in ("iterations", "evaluations")}
+    return replace(lower, **effort)
 
 
-def _parts(axis: Axis, most: int) -> Int:
-    """Parts of each cell, none narrower than breakpoints may be apart."""
-    room = np.diff(axis.breakpoints) / axis.least_distance * (1 + 1e-9)
-    return np.clip(room, 1, most).astype(np.int64)
+class _Dense:
+    """A problem on dense axes, compiled."""
 
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.compiled = Compiled(problem)
+        self.objective = SumOfSquares(self.compiled)
+        self.limits = limits_of(problem, self.compiled.values)
 
-def _size(problem: Problem, name: str, parts: Mapping[AxisKey, Int]) -> int:
-    size = problem.parameters[name].size
-    for key, axis in problem.free_axes.items():
-        for table, _ in axis.places:
-            if table == name:
-                size = size // len(axis.axis) * (int(parts[key].sum()) + 1)
-    return size
+    def descend(self, settings: Settings, report: Report) -> Descent | None:
+        """The end from where the surfaces are; None where limits cannot be met."""
+        begin, _ = project(self.objective.start, self.limits)
+        if begin is None:
+            return None
+        quick = replace(settings, patience=2)
+        dense = partial(report, "dense")
+        return gauss_newton(self.objective, begin, self.limits, quick, lambda line, v: dense(line, v, self.compiled))
 
+    def parameters(self, values: Float) -> ParameterSet:
+        """The tables with these free values."""
+        full = self.compiled.start.copy()
+        full[: values.size] = values
+        return self.compiled.values.unpack(full, self.problem.parameters)
 
-def densified(points: Float, parts: Int) -> Float:
-    """Breakpoints with each cell cut into even parts; the given ones stay, bit for bit.
+    def axis(self, here: Problem, key: AxisKey) -> Dense:
+        """A dense axis and the values on it, to be thinned out to the breakpoints of `here`."""
+        axis = here.free_axes[key]
+        table, direction = axis.places[0]
+        points = self.problem.parameters[table].axes[direction].breakpoints
+        low, high = bounds_of(axis, here.parameters, here.held)
+        stays = np.isin(points, axis.axis.breakpoints[low == high])
+        stays[[0, -1]] = True
+        lines = []
+        for name, which in axis.places:
+            shape = self.problem.parameters[name].values.shape
+            grid = self.compiled.values.offsets[name] + np.arange(int(np.prod(shape))).reshape(shape)
+            lines.append(np.moveaxis(grid, which, 0).reshape(points.size, -1))
+        return Dense(points, np.hstack(lines), stays, len(axis.axis))
 
-    >>> densified(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
-    [0.0, 1.0, 2.0, 3.0]
-    """
-    cells = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(points), parts, strict=True)]
-    return np.concatenate([*cells, points[-1:]])
+    def inverse(self, values: Float, axes: Sequence[Dense]) -> Float:
+        """The inverse of the matrix, 0 for values that cannot move.
 
-
-def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
-    """The problem on denser axes that stand still; the same surfaces, the same price of roughness."""
-    points = {key: densified(axis.axis.breakpoints, parts[key]) for key, axis in problem.free_axes.items()}
-    tables, smoothness = [], dict(problem.smoothness)
-    for name in {name: None for axis in problem.free_axes.values() for name, _ in axis.places}:
-        table, factors = problem.parameters[name], list(problem.factors(name))
-        for key, axis in problem.free_axes.items():
-            for which in (which for place, which in axis.places if place == name):
-                before, after = len(axis.axis), points[key].size
-                table = _on(table, which, axis.axis.changed(breakpoints=points[key], free=False))
-                factors[which] *= ((after - 1) / max(before - 1, 1)) ** 4
-        tables.append(table)
-        smoothness[name] = tuple(factors)
-    return replace(problem, parameters=problem.parameters.with_parameters(*tables), smoothness=smoothness)
-
-
-def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
-    """A table on a denser axis; what lies between two locked values is locked, its bounds are the wider ones."""
-    place = position(axis.breakpoints, table.axes[which].breakpoints, "clip")
-    weights, _ = cell_weights(place, len(table.axes[which]))
-    left = np.floor(place).astype(np.int64)
-    right = np.ceil(place).astype(np.int64)
-    values = np.moveaxis(np.tensordot(weights, table.values, axes=(1, which)), 0, which)
-
-    def both(array: Any) -> tuple[Any, Any]:
-        return np.take(array, left, axis=which), np.take(array, right, axis=which)
-
-    return table.changed(
-        values=values,
-        axes=tuple(axis if i == which else old for i, old in enumerate(table.axes)),
-        lower=np.minimum(*both(table.lower)),
-        upper=np.maximum(*both(table.upper)),
-        locked=np.logical_and(*both(table.locked)),
-    )
-
-
-def _dense(here: Problem, dense: Problem, compiled: Compiled, key: AxisKey) -> Dense:
-    axis: FreeAxis = here.free_axes[key]
-    table, direction = axis.places[0]
-    points = dense.parameters[table].axes[direction].breakpoints
-    low, high = bounds_of(axis, here.parameters, here.held)
-    stays = np.isin(points, axis.axis.breakpoints[low == high])
-    stays[[0, -1]] = True
-    lines = []
-    for name, which in axis.places:
-        shape = dense.parameters[name].values.shape
-        grid = compiled.values.offsets[name] + np.arange(int(np.prod(shape))).reshape(shape)
-        lines.append(np.moveaxis(grid, which, 0).reshape(points.size, -1))
-    return Dense(points, np.hstack(lines), stays, len(axis.axis))
-
-
-def _inverse(matrix: Float, movable: Int, axes: list[Dense]) -> Float:
-    """The inverse of the matrix; values that no data inform are tied to their neighbours along the dense axes."""
-    size = len(matrix)
-    mean = float(np.diag(matrix).mean())
-    whole = matrix.copy()
-    for axis in axes:
-        three = np.stack([axis.columns[i : len(axis.columns) - 2 + i].ravel() for i in range(3)], axis=1)
-        bend = np.array([1.0, -2.0, 1.0])
-        share = STIFFNESS * float(np.diag(matrix)[axis.columns].mean())
-        np.add.at(whole, (three[:, :, None], three[:, None, :]), share * np.outer(bend, bend))
-    whole[np.diag_indices(size)] += 1e-10 * np.maximum(np.diag(whole), 1e-6 * mean) + 1e-300
-    found = np.zeros_like(whole)
-    found[np.ix_(movable, movable)] = np.linalg.inv(whole[np.ix_(movable, movable)])
-    return found
+        Values that no data inform are tied to their neighbours along the dense axes.
+        """
+        _, matrix = self.objective.normal(values)
+        whole, diagonal = matrix.copy(), np.diag(matrix)
+        for axis in axes:
+            three = np.stack([axis.columns[i : len(axis.columns) - 2 + i].ravel() for i in range(3)], axis=1)
+            bend = np.array([1.0, -2.0, 1.0])
+            share = STIFFNESS * float(diagonal[axis.columns].mean())
+            np.add.at(whole, (three[:, :, None], three[:, None, :]), share * np.outer(bend, bend))
+        whole[np.diag_indices(len(whole))] += RIDGE * np.maximum(np.diag(whole), 1e-6 * diagonal.mean()) + 1e-300
+        movable = np.ix_(*[np.flatnonzero(self.limits.movable)] * 2)
+        found = np.zeros_like(whole)
+        found[movable] = np.linalg.inv(whole[movable])
+        return found

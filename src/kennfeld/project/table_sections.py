@@ -66,6 +66,7 @@ def _axes(section: Section) -> dict[str, AxisEntry]:
 
 def _axis(section: Section, *, grouped: bool = False) -> AxisEntry:
     quantity = section.text("input")
+    freedom = _freedom(section)
     if grouped and section.has("axis"):
         if len(section.values) > 1:
             mend = 'Write { axis = "..." } alone; what frees its breakpoints belongs into its section.'
@@ -73,7 +74,6 @@ def _axis(section: Section, *, grouped: bool = False) -> AxisEntry:
         return AxisEntry(section.place, group=section.text("axis"))
     spread = {key: section.number(key, np.nan) for key in ("begin", "end") if section.has(key)}
     count = section.whole("count", 0, 2) if section.has("count") else 0
-    freedom = _freedom(section)
     if section.has("breakpoints") and section.values["breakpoints"] != _FREE:
         if spread or count:
             section.report("", "breakpoints stand beside begin, end or count", "Keep one of them.")
@@ -97,7 +97,7 @@ def _freedom(section: Section) -> Freedom | None:
         section.report("free", 'breakpoints = "free" stands beside free = false', "Remove one of them.")
     distance = section.number("min_distance", 0.0, 0.0, above=True) or None if section.has("min_distance") else None
     ends = _ends(section)
-    if word or flag:
+    if word or flag or (flag is None and "free" in section.values):
         return Freedom(distance, ends)
     for key in ("min_distance", "range"):
         if key in section.values:
