@@ -5,6 +5,7 @@ import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.graph.free_axes import AxisKey
 from kennfeld.models.formula import formula
+from kennfeld.optimize import run
 from kennfeld.optimize.breakpoints import bounds_of, fitted_axes
 from kennfeld.optimize.constraints import Equality, Shape, Term
 from kennfeld.optimize.limiting import limits_of
@@ -211,18 +212,15 @@ def test_breakpoints_behind_a_memory_are_found():
     np.testing.assert_allclose(points(result), [0, 2, 3, 10], atol=1e-3)
 
 
-def problem(*constraints, table=None, pins=()):
-    tables = kf.ParameterSet([table or even()])
-    data = kf.Dataset.of("bench", bent())
+def problem(*constraints, limits=()):
+    model = formula("m = C(x)", parameters=["C"])
+    data = (kf.Dataset.of("bench", bent()),)
     criteria = (kf.Criterion("m", "y"),)
-    return Problem(formula("m = C(x)", parameters=["C"]), (data,), tables, criteria, pins=pins, constraints=constraints)
+    return Problem(model, data, kf.ParameterSet([even()]), criteria, constraints=constraints, limits=limits)
 
 
 def test_slope_limits_hold_between_breakpoints_that_move():
-    made = problem(Shape("C", 0, "slope", -1.0, 2.0))
-    from kennfeld.optimize.calibration import Options, run
-
-    result = run(made, Options())
+    result = run(problem(Shape("C", 0, "slope", -1.0, 2.0)), kf.Options())
     table = result.parameters["C"]
     slopes = np.diff(table.values) / np.diff(table.axes[0].breakpoints)
     assert slopes.min() >= -1.0 - 1e-8
@@ -275,3 +273,27 @@ def test_no_data_between_breakpoints_is_no_obstacle():
     result = fitted(even(6), data)
     assert result.status == "converged"
     assert result.quality[0].rmse_after < 1e-6
+
+
+def test_limits_of_outputs_hold_where_breakpoints_move():
+    result = run(problem(limits=(kf.Limit("m", upper=6.0),)), kf.Options())
+    assert result.status == "converged"
+    reached = kf.simulate("m = C(x)", bent(), result.parameters)["m"].values
+    assert 5.9 < reached.max() <= 6.0 + 1e-5
+    assert "C.x" in result.moved
+
+
+def test_creases_of_a_chain_are_smoothed_while_its_free_axis_is_dense():
+    random = np.random.default_rng(4)
+    u, v = random.uniform(0, 10, (2, 1500))
+    best = np.interp(u, np.linspace(0, 10, 6), [1, 4, 2, 6, 8, 5])
+    target = np.interp(v - best, [-10, -2, 0.5, 10], [0.2, 0.9, 1.0, 0.1])
+    axis = kf.Axis(np.linspace(-10, 10, 4), free=True)
+    start = kf.ParameterSet(
+        [
+            kf.Curve("Best", np.linspace(0, 10, 6), np.full(6, 4.0)),
+            kf.Curve("Eta", axis, [0.3, 0.8, 0.8, 0.2]),
+        ]
+    )
+    result = kf.calibrate("m = Eta(v - Best(u))", {"u": u, "v": v, "y": target}, start, target="y")
+    assert result.quality[0].rmse_after < 0.005

@@ -123,7 +123,7 @@ class _Run:
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
         if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
-            placing = Placing(self.problem, self.exact)
+            placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
             ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
 

@@ -15,6 +15,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import AxisKey
 from kennfeld.optimize.breakpoints import bounds_of
+from kennfeld.optimize.continuation import SHORT, Continuation
 from kennfeld.optimize.densifying import parts_of, thickened, turns_of
 from kennfeld.optimize.elimination import Dense, eliminated
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
@@ -45,10 +46,13 @@ def coarse(settings: Settings) -> Settings:
 
 
 class Placing:
-    """A search for the breakpoints of a problem; `exact` is its compiled form."""
+    """A search for the breakpoints of a problem; `exact` is its compiled form.
 
-    def __init__(self, problem: Problem, exact: Compiled) -> None:
-        self._problem, self._exact = problem, exact
+    With `smoothed`, lookups on the dense axes are smoothed first where their coordinate depends on a free parameter.
+    """
+
+    def __init__(self, problem: Problem, exact: Compiled, *, smoothed: bool) -> None:
+        self._problem, self._exact, self._smoothed = problem, exact, smoothed
         self._objective = SumOfSquares(exact)
 
     def descend(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
@@ -97,7 +101,7 @@ class Placing:
         if not parts:
             return Descent(at, np.inf, "converged", "", 0, 0)
         dense = _Dense(thickened(here, parts))
-        found = dense.descend(settings, report)
+        found = dense.descend(settings, report, smoothed=self._smoothed)
         if found is None or found.status in ("stopped", "failed"):
             return Descent(at, np.inf, "converged", "", 0, 0) if found is None else replace(found, cost=np.inf)
         chosen, _ = project(self._chosen(here, dense, keys, found.values), limits)
@@ -151,14 +155,20 @@ class _Dense:
         self.objective = SumOfSquares(self.compiled)
         self.limits = limits_of(problem, self.compiled.values)
 
-    def descend(self, settings: Settings, report: Report) -> Descent | None:
+    def descend(self, settings: Settings, report: Report, *, smoothed: bool) -> Descent | None:
         """The end from where the surfaces are; None where limits cannot be met."""
         begin, _ = project(self.objective.start, self.limits)
         if begin is None:
             return None
         quick = replace(settings, patience=2)
-        dense = partial(report, "dense")
-        return gauss_newton(self.objective, begin, self.limits, quick, lambda line, v: dense(line, v, self.compiled))
+        smooth = Continuation.of(self.problem, self.compiled) if smoothed else None
+
+        def told(line: Iteration, values: Float) -> None:
+            report("dense", line, values, self.compiled)
+
+        if smooth is not None:
+            return smooth.descend(SHORT, begin, self.limits, quick, lambda _, line, values: told(line, values))
+        return gauss_newton(self.objective, begin, self.limits, quick, told)
 
     def parameters(self, values: Float) -> ParameterSet:
         """The tables with these free values."""
