@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import compiled
 
+from kennfeld.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.rows import BLOCK, Rows
 from kennfeld.native.samples import Piece, Samples
@@ -92,3 +93,19 @@ def test_an_order_of_visits_gives_the_sums_of_samples_that_come_in_it(count):
     moved = Samples([row[order] for row in data], [row[order] for row in targets], pieces)
     for a, b in zip(sums(made, visited), sums(made, moved), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_rows_must_be_of_equal_length():
+    with pytest.raises(ArgumentError, match="rows of 3 and of 2 samples"):
+        Rows([np.zeros(3), [np.zeros(1), np.zeros(1)]])
+
+
+@given(lengths)
+def test_what_is_copied_can_be_copied_again(sizes):
+    values = np.zeros(sum(sizes))
+    rows = Rows([cut(values, sizes)])
+    values[:] = np.arange(values.size)
+    rows.reread()
+    for block, address in enumerate(rows.addresses[0]):
+        expected = values[block * BLOCK : (block + 1) * BLOCK]
+        np.testing.assert_array_equal(at(address, expected.size), expected)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
+from kennfeld.errors import ArgumentError
 from kennfeld.native.ir import Function
 
 __all__ = ["BLOCK", "HEAD", "Addresses", "Order", "Row", "Rows", "find", "load_sample", "visit"]
@@ -28,7 +29,7 @@ Row = Float | Sequence[Float]  # one array, or several that follow each other
 class Rows:
     """Rows of `count` samples each; only blocks in which two arrays of a row meet are copied.
 
-    Without a `count`, the first row tells.
+    Without a `count`, the first row tells. Raises `ArgumentError` where a row has more or fewer samples.
 
     >>> Rows([[np.zeros(5), np.ones(3)]]).take(np.array([4, 5, 7]))
     array([[0., 1., 1.]])
@@ -37,11 +38,14 @@ class Rows:
     def __init__(self, rows: Iterable[Row], count: int | None = None) -> None:
         self.parts = [_parts(row) for row in rows]
         self.count = sum(part.size for part in (self.parts or [[]])[0]) if count is None else count
-        self._seams: list[Float] = []
+        self._seams: list[tuple[Float, Sequence[Float], Int]] = []
         blocks = max(-(-self.count // BLOCK), 1)
         self.addresses: Addresses = np.zeros((len(self.parts), blocks), dtype=np.uintp)
         for found, parts in zip(self.addresses, self.parts, strict=True):
+            if sum(part.size for part in parts) != self.count:
+                raise ArgumentError(f"rows of {self.count} and of {sum(part.size for part in parts)} samples")
             self._locate(found, parts)
+        self.reread()
 
     def _locate(self, found: Addresses, parts: Sequence[Float]) -> None:
         end, seams = 0, set()
@@ -53,8 +57,14 @@ class Rows:
                 seams.add(end // BLOCK)
         for block in seams:
             samples = np.arange(block * BLOCK, min((block + 1) * BLOCK, self.count))
-            self._seams.append(_taken(parts, samples))
-            found[block] = self._seams[-1].ctypes.data
+            copied = np.empty(samples.size)
+            found[block] = copied.ctypes.data
+            self._seams.append((copied, parts, samples))
+
+    def reread(self) -> None:
+        """Copy again what is copied, after the arrays were changed in place."""
+        for copied, parts, samples in self._seams:
+            copied[:] = _taken(parts, samples)
 
     def take(self, samples: Int | Order) -> Float:
         """The values at some samples, shape (rows, samples)."""

@@ -1,6 +1,7 @@
 """The measurement as the kernels read it: one row a channel, pieces one after the other."""
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -88,8 +89,9 @@ class Samples:
 
     def reweighted(self, factors: Float) -> "Samples":
         """The same samples with the weight of each output times a factor."""
-        pieces = [replace(piece, scores=piece.scores * factors) for piece in self.pieces]
-        return Samples(self.inputs.parts, self.wanted.parts, pieces, self.order)
+        made = copy(self)
+        made.pieces = tuple(replace(piece, scores=piece.scores * factors) for piece in self.pieces)
+        return made
 
     def with_inputs(self, rows: Sequence[int]) -> "Samples":
         """The same samples with these rows of the inputs."""

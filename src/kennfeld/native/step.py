@@ -24,8 +24,6 @@ from kennfeld.native.engine import Engine
 from kennfeld.native.entries import entry_items
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.rows import HEAD, find, load_sample, visit
-from kennfeld.native.smoothing import smooth_function
-from kennfeld.native.tables import search_function
 
 __all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "start_code", "tape_code", "values_code"]
 
@@ -81,10 +79,7 @@ class Code:
 
 def compiled(*codes: Code) -> list[Callable[..., None]]:
     """The functions, compiled as one module."""
-    helpers = search_function()
-    if any("@kf_smooth" in code.text for code in codes):
-        helpers += smooth_function()
-    engine = Engine(helpers + "".join(code.text for code in codes))
+    engine = Engine("".join(code.text for code in codes))
     return [engine.function(code.name, code.parameters) for code in codes]
 
 

@@ -24,6 +24,8 @@ class SumOfSquares:
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._cholesky = Cholesky(0 if self._small else self._free)
+        if not self._small:
+            compiled.accumulator.prepare()
 
     @property
     def small(self) -> bool:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.dataset import Dataset
+from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph.lowering import dependent
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
@@ -26,7 +27,7 @@ from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["OutputLimits", "check_limits"]
+__all__ = ["OutputLimits", "channels_of", "check_limits"]
 
 FEASIBLE = 1e-6  # of a limit's scale: what counts as kept
 TIGHT = 1e-6  # share of the cost that a better choice of multipliers might still save
@@ -82,6 +83,15 @@ def _extended(model: Model, limits: Sequence[Limit]) -> Model:
     return extend(model, texts, "limit")
 
 
+def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:
+    """The names in limits that are no names of the model: inputs that only the limits read."""
+    try:
+        inputs = _extended(model, limits).graph.inputs
+    except InputError:
+        return []
+    return [name for name in inputs if name not in model.graph.inputs]
+
+
 def check_limits(problem: Problem) -> list[Finding]:
     """What is wrong with the limits of a problem."""
     try:
@@ -89,10 +99,14 @@ def check_limits(problem: Problem) -> list[Finding]:
     except InputError as error:
         return list(error.findings)
     graph = model.graph
-    live = dependent(graph, lambda node: node.op == "interpolate" and node.payload.name in problem.free_names)
-    unknown = [name for name in graph.inputs if name not in problem.model.graph.inputs]
+    live = dependent(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
+    unknown = channels_of(problem.model, problem.limits)
+
+    def mend(name: str, data: Dataset) -> str:
+        return nearest(name, [*problem.model.graph.names, *problem.parameters, *data])
+
     findings = [
-        Finding("limit", f"{name} is no node of the function and no channel of dataset {data.name}")
+        Finding("limit", f"{name} is no node of the function and no channel of dataset {data.name}", mend(name, data))
         for name in unknown
         for data in problem.datasets
         if data.use == "training" and problem.channels.get(name, name) not in data
@@ -127,7 +141,7 @@ class OutputLimits:
         self._sides = _sides(problem.limits)
         model = _extended(problem.model, problem.limits)
         self._problem = replace(problem, model=model, limits=())
-        self._bounds = self._problem.training
+        self._bounds = self._problem.gathered
         names = [side.node for side in self._sides]
         self._nodes = Nodes(model.graph, problem.parameters, names)
         self._masks = self._conditions(model)
@@ -172,11 +186,17 @@ class OutputLimits:
 
     def worst(self, parameters: ParameterSet) -> float:
         """The largest excess, relative to the side's scale."""
-        return self._largest(self.excess(parameters))
+        return self.largest(self.excess(parameters))
 
-    def _largest(self, excess: Sequence[Float]) -> float:
+    def largest(self, excess: Sequence[Float]) -> float:
+        """The largest of an excess, relative to the sides' scales."""
         relative = [np.nan_to_num(e / self._scales[:, None], nan=-np.inf, posinf=np.inf) for e in excess]
         return max((float(r.max(initial=-np.inf)) for r in relative), default=-np.inf)
+
+    def squares(self, excess: Sequence[Float]) -> list[float]:
+        """The sum of squares of what exceeds the limits, relative to their scales, for each dataset."""
+        relative = [np.clip(e / self._scales[:, None], 0.0, 1e6) for e in excess]
+        return [float(np.nansum(np.square(r))) for r in relative]
 
     def kept(self, parameters: ParameterSet) -> bool:
         """Whether all limits hold."""
@@ -214,6 +234,7 @@ class OutputLimits:
         """
         self._shifts = [np.zeros(mask.shape) for mask in self._masks]
         self._aim()
+        self._penalised.reread_targets()
         return _Rounds(self, objective, limits, settings, parameters_of, report).run(start)
 
     def _compiled(self) -> Compiled:
@@ -256,6 +277,7 @@ class OutputLimits:
             gap += float(np.sum(2 * new * np.abs(known) / self._scales[:, None] ** 2))
             self._shifts[i] = new / heavier
         self._aim()
+        self._penalised.reread_targets()
         return gap
 
 
@@ -280,14 +302,14 @@ class _Rounds:
         excess = self.limits.excess(self.parameters_of(at))
         weight = first = self._weight(at, excess)
         penalised = self.limits.penalised(weight)
-        before = self.limits._largest(excess)
+        before = self.limits.largest(excess)
         for number in range(1, ROUNDS + 1):
             found = gauss_newton(penalised, at, self.linear, self.settings, self._told(number))
             self.iterations += found.iterations
             self.evaluations += found.evaluations
             at = found.values
             excess = self.limits.excess(self.parameters_of(at))
-            worst = self.limits._largest(excess)
+            worst = self.limits.largest(excess)
             if found.status in ("stopped", "failed"):
                 return self._end(found, at)
             slow = worst > FEASIBLE and worst > STUBBORN * max(before, 0.0)
@@ -305,8 +327,7 @@ class _Rounds:
 
     def _weight(self, at: Float, excess: Sequence[Float]) -> float:
         """A first weight at which the cost and the excess pull alike."""
-        scales = self.limits._scales[:, None]
-        total = sum(float(np.nansum(np.square(np.clip(e / scales, 0.0, 1e6)))) for e in excess)
+        total = sum(self.limits.squares(excess))
         cost = self.objective.cost(at)
         return max(cost, 1e-300) / total if total > 0 and np.isfinite(cost) else max(cost, 1.0)
 

@@ -81,6 +81,11 @@ class Problem:
         """The training data, bound to the model."""
         return tuple(self.bind(data) for data in self.datasets if data.use == "training" and data.weight > 0)
 
+    @cached_property
+    def gathered(self) -> tuple[Bound, ...]:
+        """The training data as they are compiled: without memory, dropped points stay where they are, not scored."""
+        return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
+
     def bind(self, dataset: Dataset) -> Bound:
         """A dataset as the model reads it."""
         return bind(dataset, self.graph, self.channels)
@@ -184,16 +189,19 @@ class Compiled:
         made.accumulator = Accumulator(self.kernel, made.samples)
         return made
 
+    def reread_targets(self) -> None:
+        """Take over targets that were changed in place; those made by `reweighted` share them."""
+        self.samples.wanted.reread()
+
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
-        remembers = self.kernel.line.states or self._split.prepared.states
         sources = [
             Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in (bound if remembers else bound.whole for bound in problem.training)
+            for bound in problem.gathered
         ]
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Factor
 from kennfeld.optimize.limits import Limits
 
@@ -82,6 +82,7 @@ class _Dual:
         self.factor, self.free_step, self.limits, self.room = factor, free_step, limits, room
         self.taken = np.concatenate([free_step, limits.rows.times(free_step)])
         self.rows = np.zeros((0, factor.inverse.size))
+        self.products = np.zeros((0, 0))  # of the rows with each other
         self.excess = np.zeros(0)
         self.equalities = 0
         self.which = np.zeros(0, dtype=np.int64)
@@ -100,7 +101,10 @@ class _Dual:
         rows[np.flatnonzero(single), which[single]] = 1.0
         rows[~single] = self.limits.rows.matrix(which[~single] - values, values)
         signed = signs[which]
-        self.rows = np.vstack([self.rows, self.factor.solve_lower(rows * signed[:, None])])
+        new = self.factor.solve_lower(rows * signed[:, None])
+        mixed = self.rows @ new.T
+        self.products = np.block([[self.products, mixed], [mixed.T, new @ new.T]])
+        self.rows = np.vstack([self.rows, new])
         self.excess = np.concatenate([self.excess, signed * (self.taken[which] - side[which])])
         self.which = np.concatenate([self.which, which])
         self.signs = np.concatenate([self.signs, signed])
@@ -108,7 +112,9 @@ class _Dual:
     def step(self) -> Float:
         if not self.excess.size:
             return self.free_step
-        self.multipliers = nonnegative_dual(self.rows @ self.rows.T, self.excess, self.equalities)
+        known = self.multipliers.size
+        guess = np.concatenate([self.multipliers > 0, self.excess[known:] > 0])
+        self.multipliers = nonnegative_dual(self.products, self.excess, self.equalities, guess)
         step: Float = self.free_step - self.factor.solve_upper(self.multipliers @ self.rows)
         return step
 
@@ -120,8 +126,8 @@ class _Dual:
         return signs
 
 
-def nonnegative_dual(matrix: Float, excess: Float, equalities: int) -> Float:
-    """Min 1/2 m'Sm - e'm with m >= 0 but for the first `equalities`, which are free.
+def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
+    """Min 1/2 m'Sm - e'm with m >= 0 but for the first `equalities`, which are free; `guess` are likely to be above 0.
 
     Block principal pivoting with a single-exchange rule as backup (Judice and Pires 1994), which ends.
     """
@@ -130,7 +136,7 @@ def nonnegative_dual(matrix: Float, excess: Float, equalities: int) -> Float:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(scale, scale) + 1e-14 * np.eye(size)
     wanted = excess / scale
-    inside = ~bounded | (wanted > 0)
+    inside = ~bounded | (wanted > 0 if guess is None else guess)
     best, patience = size + 1, 3
     for _ in range(50 + 5 * size):
         m = np.zeros(size)
