@@ -23,7 +23,7 @@ def fed(graph):
 def test_the_parts_give_what_the_whole_gives(case):
     low = lower(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
-    parts = split(low.graph, outputs, case.free)
+    parts = split(low.graph, outputs, case.fitted)
 
     def whole(interpreter):
         run = interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts)
@@ -44,7 +44,7 @@ def test_the_parts_give_what_the_whole_gives(case):
 @given(cases())
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
     low = lower(case.graph, case.parameters)
-    parts = split(low.graph, ["y0"], case.free)
+    parts = split(low.graph, ["y0"], case.fitted)
     assert fed(parts.graph) == set(parts.columns)
 
 
@@ -59,7 +59,7 @@ def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
 @given(cases())
 def test_no_column_depends_on_a_free_parameter(case):
     low = lower(case.graph, case.parameters)
-    parts = split(low.graph, tuple(case.graph.names), case.free)
+    parts = split(low.graph, tuple(case.graph.names), case.fitted)
 
     def held(c):
         run = Interpreter(low, c.parameters).run(low.graph.nodes, low.graph.states, c.columns, c.starts)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from random_graphs import Case, Criterion
+from random_graphs import Case, Criterion, sizes_of
 
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lowering import Lowered, lower
@@ -49,12 +49,13 @@ class Compiled:
         return Interpreter(self.lowered, self.case.parameters, widths)
 
     def free_offsets(self):
-        return {n: at for n, at in self.kernel.values.offsets.items() if at < self.kernel.values.free}
+        values = self.kernel.values
+        return {n: at for n, at in (values.offsets | values.moving).items() if at < values.free}
 
     def run(self, interpreter):
         """Outputs [samples, outputs] and Jacobian [samples, outputs, free], side by side in the last axis."""
         rows = interpreter.rows(self.kernel.line, self.free_offsets(), self.case.columns, self.case.starts)
-        width = sum(self.case.parameters[n].size for n in self.free_offsets())
+        width = sum(sizes_of(self.free_offsets(), self.case.parameters))
         assert width == self.kernel.values.free
         return np.concatenate([rows.values[:, :, None], rows.jacobian], axis=2)
 
@@ -63,7 +64,7 @@ def compiled(case: Case, smooth=()) -> Compiled:
     """Lower and compile a case."""
     low = lower(case.graph, case.parameters, smooth)
     outputs = [Output(low.graph.names[c.node], c.scale, c.loss, c.delta) for c in case.criteria]
-    kernel = Kernel(low, outputs, case.parameters, case.free)
+    kernel = Kernel(low, outputs, case.parameters, case.fitted)
     return Compiled(case, low, kernel, samples_of(case, kernel))
 
 

@@ -1,10 +1,12 @@
 """Exact derivatives of one time step, on further nodes of the same graph.
 
-The calibratable values enter through atoms, the `interpolate` nodes of free parameters. One reverse sweep a row
-(output or next state) gives its slopes with respect to every atom and every state that carries a parameter's
-influence. Where few rows see a node, each sweep is written out as nodes: conditions switch adjoints instead of
-multiplying them, so a value that is not finite in a branch not taken never reaches the result; where such an adjoint
-meets a slope, `guard` keeps 0 times infinity at 0. Where many do, they share one pull-back (`pullback.py`).
+The calibratable values enter through atoms, the `interpolate` nodes of free parameters and the `position` nodes of
+free axes. A position p is where the breakpoints, as a curve B over 0, 1, ..., take the value x: B(p) = x. So its slope
+with respect to a breakpoint is minus the breakpoint's weight in B(p), times the slope of p with respect to x.
+One reverse sweep a row (output or next state) gives its slopes with respect to every atom and every state that carries
+a parameter's influence. Where few rows see a node, each sweep is written out as nodes: conditions switch adjoints
+instead of multiplying them, so a value that is not finite in a branch not taken never reaches the result; where such an
+adjoint meets a slope, `guard` keeps 0 times infinity at 0. Where many do, they share one pull-back (`pullback.py`).
 """
 
 from collections import defaultdict
@@ -13,10 +15,10 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.lowering import dependent
+from kennfeld.graph.lowering import Free, dependent, enters
 from kennfeld.graph.node import Builder, Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.partials import cone, partials
+from kennfeld.graph.partials import cone, of_breakpoints, partials
 from kennfeld.graph.pullback import PullBack, pull_back
 
 __all__ = ["Linearization", "Slopes", "Written", "differentiate"]
@@ -45,9 +47,9 @@ class Linearization:
     """A step and its derivatives.
 
     `nodes` extend those of the graph. Rows are the `outputs`, then the next values of the `carried` states, which are
-    the states that depend on a free parameter. `slopes` are theirs with respect to atoms and carried states.
-    `starts[state]` is the node of a state's first value, free of states; `start_slopes` are the derivatives of the
-    carried ones with respect to atoms.
+    the states that depend on a free value. `slopes` are theirs with respect to atoms and carried states, for a position
+    with respect to B(p). `starts[state]` is the node of a state's first value, free of states; `start_slopes` are the
+    derivatives of the carried ones with respect to atoms.
     """
 
     nodes: tuple[Node, ...]
@@ -70,14 +72,14 @@ class Linearization:
         return tuple(sorted({leaf for row in self.start_slopes.reach for leaf in row}))
 
 
-def differentiate(graph: Graph, outputs: Sequence[int], free: Collection[str]) -> Linearization:
-    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to the parameters `free`.
+def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Linearization:
+    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to what is `free`.
 
     Raises `ArgumentError` where the first value of a state depends on itself.
     """
 
     def is_atom(node: Node) -> bool:
-        return node.op == "interpolate" and node.payload.name in free
+        return enters(node, free)
 
     live = dependent(graph, is_atom)
     b = Builder.of(graph)
@@ -143,13 +145,18 @@ def _reverse(b: Builder, root: int, active: Collection[int], is_atom: Callable[[
         adjoint, switched = sums.total[at], at in sums.switched
         node = b.nodes[at]
         if node.op == "state" or is_atom(node):
-            found[at] = adjoint
+            found[at] = _of_breakpoints(b, at, adjoint, switched) if node.op == "position" else adjoint
         for argument, factor, switches in partials(b, at, active):
             if switches:
                 sums.add(argument, b.call("select", factor, adjoint, b.const(0.0)), switched=True)
             else:
                 sums.add(argument, b.call("guard" if switched else "mul", adjoint, factor), switched)
     return found
+
+
+def _of_breakpoints(b: Builder, at: int, adjoint: int, switched: bool) -> int:
+    """The derivative with respect to B(p), from that with respect to the position p."""
+    return b.call("guard" if switched else "mul", adjoint, of_breakpoints(b, at))
 
 
 def _starts(b: Builder, states: Sequence[State]) -> list[int]:

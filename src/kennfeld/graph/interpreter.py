@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
 from kennfeld.graph.derivative import Linearization, Slopes, Written
+from kennfeld.graph.free_axes import AxisKey, free_axes
 from kennfeld.graph.interpolation import (
     cell_weights,
     density,
@@ -15,7 +16,7 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
-from kennfeld.graph.lowering import Lowered, TableRef, lower
+from kennfeld.graph.lowering import AxisRef, Lowered, TableRef, lower
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.parameters import ParameterSet
@@ -53,6 +54,7 @@ class Interpreter:
     def __init__(self, lowered: Lowered, parameters: ParameterSet, widths: Sequence[float] = ()) -> None:
         self.axes = lowered.axes
         self.parameters = parameters
+        self.moving = {key: free.axis.breakpoints for key, free in free_axes(parameters).items()}
         self.widths = tuple(widths) or (0.0,) * len(lowered.axes)
 
     def run(
@@ -106,9 +108,9 @@ class Interpreter:
             case "state":
                 return np.array([memory[payload]])
             case "position":
-                return position(args[0], self.axes[payload.number], payload.extrapolation)
+                return position(args[0], self._points(payload), payload.extrapolation)
             case "density":
-                return density(args[0], self.axes[payload.number], payload.extrapolation)
+                return density(args[0], self._points(payload), payload.extrapolation)
             case "interpolate":
                 return interpolate(self.parameters[payload.name].values, [w for w, _ in self._sides(payload, args)])
             case "slope":
@@ -118,6 +120,9 @@ class Interpreter:
             case _:
                 result: Float = OPERATIONS[op].evaluate(*args)
                 return result
+
+    def _points(self, axis: AxisRef) -> Float:
+        return self.axes[axis.number] if axis.key is None else self.moving.get(axis.key, self.axes[axis.number])
 
     def _sides(self, table: TableRef, args: Sequence[Float]) -> list[tuple[Float, Float]]:
         shape = self.parameters[table.name].values.shape
@@ -132,18 +137,18 @@ class Interpreter:
     def rows(
         self,
         line: Linearization,
-        offsets: Mapping[str, int],
+        offsets: Mapping[str | AxisKey, int],
         columns: Mapping[str, Float],
         starts: Sequence[int] = (0,),
     ) -> Rows:
         """Outputs and their derivatives with respect to all values, by forward sensitivities.
 
-        `offsets` gives the first column of each free parameter; its values follow in C order.
+        `offsets` gives the first column of each free parameter and axis; its values follow in C order.
         """
         samples = next(c.size for c in columns.values())
         run = self.run(line.nodes, line.states, columns, starts, line.starts)
-        width = sum(self.parameters[name].size for name in offsets)
-        weights = {at: self._atom(line.nodes[at], run, offsets, width) for at in {*line.atoms, *line.start_atoms}}
+        width = sum(self.parameters[n].size if isinstance(n, str) else self.moving[n].size for n in offsets)
+        weights = {at: self._atom(at, line.nodes, run, offsets, width) for at in {*line.atoms, *line.start_atoms}}
         jacobian = np.zeros((samples, len(line.outputs), width))
         memory: list[list[Float]] = []
         for k in range(samples):
@@ -158,13 +163,19 @@ class Interpreter:
                 del ring[0]
         return Rows(np.stack([run[at] for at in line.outputs], axis=1), jacobian)
 
-    def _atom(self, node: Node, run: Evaluation, offsets: Mapping[str, int], width: int) -> Float:
-        """Weights of one lookup over all columns, (samples, columns)."""
-        sides = [w for w, _ in self._sides(node.payload, [run[a] for a in node.args])]
-        shape = self.parameters[node.payload.name].values.shape
+    def _atom(
+        self, at: int, nodes: Sequence[Node], run: Evaluation, offsets: Mapping[str | AxisKey, int], width: int
+    ) -> Float:
+        """Weights of one lookup or position over all columns, (samples, columns)."""
+        node = nodes[at]
+        if node.op == "position":
+            first = offsets[node.payload.key]
+            weights = cell_weights(run[at], self._points(node.payload).size)[0]
+        else:
+            first, shape = offsets[node.payload.name], self.parameters[node.payload.name].values.shape
+            weights = table_weights([w for w, _ in self._sides(node.payload, [run[a] for a in node.args])], shape)
         spread = np.zeros((len(run[0]), width))
-        at = offsets[node.payload.name]
-        spread[:, at : at + int(np.prod(shape))] = table_weights(sides, shape)
+        spread[:, first : first + weights.shape[1]] = weights
         return spread
 
     @staticmethod

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from kennfeld.graph.node import Builder
 from kennfeld.graph.operations import OPERATIONS
 
-__all__ = ["Partial", "cone", "partials"]
+__all__ = ["Partial", "cone", "of_breakpoints", "partials"]
 
 
 class Partial(NamedTuple):
@@ -33,6 +33,12 @@ def partials(b: Builder, at: int, active: Collection[int]) -> Iterator[Partial]:
             if a in active and partial is not None:
                 factor = partial(b, args, at) if condition is None else condition
                 yield Partial(a, factor, switches=condition is not None)
+
+
+def of_breakpoints(b: Builder, at: int) -> int:
+    """The slope of a position p with respect to B(p), the breakpoints' curve there: minus its slope along the axis."""
+    _, args, payload = b.nodes[at]
+    return b.call("neg", b.node("density", args, payload))
 
 
 def cone(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from kennfeld.graph.node import Builder, Node
-from kennfeld.graph.partials import cone, partials
+from kennfeld.graph.partials import cone, of_breakpoints, partials
 
 __all__ = ["Pull", "PullBack", "pull_back"]
 
@@ -28,12 +28,14 @@ class Pull(NamedTuple):
 class PullBack:
     """The slopes of the nodes `roots`, a row each, as pulls to be run in their order.
 
-    Afterwards the adjoint of an atom or a state is the row's slope; `reach[row]` are those that can differ from zero.
+    Afterwards the adjoint of an atom or a state is the row's slope, for a position on a free axis times the value of
+    its node in `scales`; `reach[row]` are those that can differ from zero.
     """
 
     roots: tuple[int, ...]
     pulls: tuple[Pull, ...]
     reach: tuple[frozenset[int], ...]
+    scales: Mapping[int, int]
 
     def of_row(self, row: int, value: Callable[[int], float]) -> Mapping[int, float]:
         """The slopes of one row where `value(node)` is the value of a factor."""
@@ -42,7 +44,10 @@ class PullBack:
         for of, onto, factor in self.pulls:
             if adjoint[of] != 0 and value(factor) != 0:
                 adjoint[onto] += adjoint[of] * value(factor)
-        return {leaf: adjoint[leaf] for leaf in self.reach[row]}
+        slopes = {leaf: adjoint[leaf] for leaf in self.reach[row]}
+        return {
+            leaf: s * value(self.scales[leaf]) if s != 0 and leaf in self.scales else s for leaf, s in slopes.items()
+        }
 
 
 def pull_back(b: Builder, roots: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> PullBack:
@@ -61,7 +66,8 @@ def pull_back(b: Builder, roots: Sequence[int], active: Collection[int], is_atom
             pulls.append(Pull(at, argument, _share(b, factor) if switches else factor))
             reached[argument] |= reached[at]
     reach = tuple(frozenset(leaf for leaf in leaves if reached[leaf] >> row & 1) for row in range(len(roots)))
-    return PullBack(tuple(roots), tuple(_joined(b, pulls, {*roots, *leaves})), reach)
+    scales = {leaf: of_breakpoints(b, leaf) for leaf in leaves if b.nodes[leaf].op == "position"}
+    return PullBack(tuple(roots), tuple(_joined(b, pulls, {*roots, *leaves})), reach, scales)
 
 
 def _share(b: Builder, condition: int) -> int:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from kennfeld.graph.lowering import dependent, rewrite
+from kennfeld.graph.lowering import Free, dependent, enters, rewrite
 from kennfeld.graph.node import Builder, Graph, extract
 from kennfeld.graph.operations import OPERATIONS
 
@@ -27,7 +27,7 @@ class Split:
     prepared: Graph
 
 
-def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Split:
+def split(graph: Graph, outputs: Collection[str], free: Free) -> Split:
     """Cut a lowered graph, reduced to `outputs`, where values that no free parameter touches enter the rest.
 
     Searches in an axis belong to the rest: the cell of the sample before is mostly that of the next, so that a column
@@ -39,7 +39,7 @@ def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Spli
     >>> sorted(split(b.finish({"y": y}), ["y"], ["K"]).columns)
     ['#0']
     """
-    live = dependent(graph, lambda node: node.op == "interpolate" and node.payload.name in free)
+    live = dependent(graph, lambda node: enters(node, free))
     kept = live | {at for at, node in enumerate(graph.nodes) if node.op == "position"}
     used = _entering(graph, [graph.names[name] for name in outputs], kept)
     costs = _costs(graph)

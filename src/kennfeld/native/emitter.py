@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph import Node
+from kennfeld.graph.free_axes import AxisKey
 from kennfeld.graph.lowering import AxisRef, TableRef
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
 from kennfeld.native.ir import LANES, Function, literal
@@ -42,6 +43,7 @@ class Layout:
     shapes: Mapping[str, tuple[int, ...]]
     axes: tuple[Float, ...]
     latencies: tuple[int, ...]  # of the states
+    moving: Mapping[AxisKey, int] = field(default_factory=dict)  # first value of each free axis
     axis_offsets: tuple[int, ...] = field(init=False)
     searches: dict[tuple[int, int], int] = field(default_factory=dict)  # hint of each node searched in an axis
     memory_offsets: tuple[int, ...] = field(init=False)
@@ -192,9 +194,8 @@ class Step:
         if points.size == 1:
             cell = Cell("0", f.fmul(self.value(x), literal(0.0)), single=True)
         else:
-            at = f.at("%axes", self.layout.axis_offsets[axis.number])
             hint = f.at("%hints", self.layout.hint(x, axis), "i64")
-            index, past, width = find_cell(f, self.value(x), at, points.size, hint)
+            index, past, width = find_cell(f, self.value(x), self._points(axis), points.size, hint)
             fraction = f.new(f"fdiv double {past}, {width}")
             if axis.extrapolation == "clip":
                 fraction = f.select(f.new(f"fcmp olt double {fraction}, {literal(0.0)}"), literal(0.0), fraction)
@@ -203,17 +204,23 @@ class Step:
         self._cells[node, points.size] = cell
         return cell
 
+    def _points(self, axis: AxisRef) -> str:
+        """Where the breakpoints of an axis begin."""
+        if axis.key is not None:
+            return self.f.at("%values", self.layout.moving[axis.key])
+        return self.f.at("%axes", self.layout.axis_offsets[axis.number])
+
     def _density(self, x: int, axis: AxisRef) -> str:
         f, points = self.f, self.layout.axes[axis.number]
         if points.size == 1:
             return literal(0.0)
-        at = f.at("%axes", self.layout.axis_offsets[axis.number])
+        at = self._points(axis)
         hint = f.at("%hints", self.layout.hint(x, axis), "i64")
         _, _, width = find_cell(f, self.value(x), at, points.size, hint)
         slope = f.new(f"fdiv double {literal(1.0)}, {width}")
         if axis.extrapolation == "linear":
             return slope
-        low, high = (literal(float(points[i])) for i in (0, -1))
+        low, high = (literal(float(points[i])) if axis.key is None else f.load(at, i % points.size) for i in (0, -1))
         above = f.new(f"fcmp oge double {self.value(x)}, {low}")
         below = f.new(f"fcmp ole double {self.value(x)}, {high}")
         return f.select(above, f.select(below, slope, literal(0.0)), literal(0.0))
@@ -225,6 +232,10 @@ class Step:
             self._window(a, axis) if smoothed else self._cell(a, count)
             for a, axis, smoothed, count in zip(args, table.axes, table.smoothed, shape, strict=True)
         ]
+
+    def cell(self, position: int) -> Cell:
+        """The breakpoints around a position."""
+        return self._cell(position, self.layout.axes[self.nodes[position].payload.number].size)
 
     def _cell(self, node: int, count: int) -> Cell:
         if (node, count) not in self._cells:

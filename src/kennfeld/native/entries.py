@@ -1,6 +1,9 @@
-"""Code that writes the entries of a tape: the columns that a sample touches, and what belongs to each."""
+"""Code that writes the entries of a tape: the columns that a sample touches, and what belongs to each.
 
-from collections.abc import Callable, Iterable, Sequence
+A lookup touches the grid points around its coordinate; a position on a free axis the breakpoints around it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.derivative import Linearization
@@ -26,6 +29,9 @@ def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Ent
     room, fixed = 0, True
     for atom in atoms:
         points = 1
+        if line.nodes[atom].op == "position":
+            room += min(layout.axes[line.nodes[atom].payload.number].size, 2)
+            continue
         table = line.nodes[atom].payload
         for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
             points *= count if smoothed else min(count, 2)
@@ -53,7 +59,7 @@ def entry_items(
     items, first = [Item((), begin)], 0
     for atom in atoms:
         points = _Points(line, layout, entries, writer, atom, first)
-        items.append(Item((*line.nodes[atom].args, *needs(atom)), points.emit))
+        items.append(Item((*points.needs, *needs(atom)), points.emit))
         first += entries_of(line, layout, [atom]).room
     return items
 
@@ -69,17 +75,34 @@ class _Points:
     atom: int
     first: int
 
+    @property
+    def needs(self) -> tuple[int, ...]:
+        """The nodes whose values the columns use."""
+        op, args, _ = self.line.nodes[self.atom]
+        return (self.atom,) if op == "position" else args
+
     def emit(self, step: Step) -> None:
         """Write all entries of the atom."""
         write = self.writer(step, self.atom)
-        _, args, table = self.line.nodes[self.atom]
         start = step.f.mul("%row", self.entries.room)
-        for number, corner in enumerate(corners(step.f, step.sides(table, args), self.layout.strides(table.name))):
+        for number, corner in enumerate(self._corners(step)):
             entry = self._number(step, number)
             place = step.f.add(start, entry)
             self._write_column(step, place, corner)
             write(entry, place, corner.weight)
             self._count(step)
+
+    def _corners(self, step: Step) -> Iterator[Corner]:
+        op, args, payload = self.line.nodes[self.atom]
+        if op == "position":
+            return corners(step.f, [step.cell(self.atom)], [1])
+        return corners(step.f, step.sides(payload, args), self.layout.strides(payload.name))
+
+    @property
+    def _column(self) -> int:
+        """The first column of the table or axis."""
+        op, _, payload = self.line.nodes[self.atom]
+        return self.layout.moving[payload.key] if op == "position" else self.layout.offsets[payload.name]
 
     def _number(self, step: Step, number: int) -> str:
         if self.entries.fixed:
@@ -88,7 +111,7 @@ class _Points:
 
     def _write_column(self, step: Step, place: str, corner: Corner) -> None:
         f = step.f
-        column = f.add(corner.index, self.layout.offsets[self.line.nodes[self.atom].payload.name])
+        column = f.add(corner.index, self._column)
         f.store(f.new(f"trunc i64 {column} to i32"), "%index", place, "i32")
 
     def _count(self, step: Step) -> None:

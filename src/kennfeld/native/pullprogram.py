@@ -17,13 +17,15 @@ CACHE_LINE = 64  # bytes
 class PullProgram:
     """The pull-back of a native function `name`.
 
-    `source` tells where the adjoint of an atom lies, `factors` numbers the nodes whose values the code has to provide.
+    `source` tells where the adjoint of an atom lies, `scales` what it is multiplied with, `factors` numbers the nodes
+    whose values the code has to provide.
     `states` are the nodes whose slopes go into matrices, `entries` is the most entries that a sample can have.
     """
 
     def __init__(self, name: str, back: PullBack, states: Sequence[int], entries: int) -> None:
         self.name = name
         self.rows = len(back.roots)
+        self.scales = back.scales
         self.factors = _numbered(pull.factor for pull in back.pulls)
         self._states = states
         self._entries = entries

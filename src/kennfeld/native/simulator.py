@@ -31,6 +31,7 @@ class Simulator:
             lowered.shapes,
             lowered.axes,
             tuple(state.latency for state in lowered.graph.states),
+            self._values.moving,
         )
         self._axes = self._layout.breakpoints
         self._roots = tuple(roots)

@@ -97,7 +97,7 @@ class PulledRows:
     """Rows whose slopes a pull-back finds, once the code has left its factors and seeds and the entries' weights."""
 
     def __init__(self, rows: Sequence[SlopeRow], program: PullProgram) -> None:
-        self._rows = tuple(rows)
+        self._rows, self._scales = tuple(rows), program.scales
         self.program = program
 
     def factor_items(self) -> dict[int, Item]:
@@ -121,14 +121,15 @@ class PulledRows:
 
     def needs(self, atom: int) -> Collection[int]:
         """The nodes that `writer` uses."""
-        return ()
+        return (self._scales[atom],) if atom in self._scales else ()
 
     def writer(self, step: Step, atom: int) -> EntryWriter:
         """Leaves the weight of a grid point, and whose adjoint it is to be multiplied with."""
         source = str(self.program.source[atom])
+        scale = step.value(self._scales[atom]) if atom in self._scales else ""
 
         def write(entry: str, place: str, weight: str) -> None:
             step.f.store(source, "%sources", entry, "i32")
-            step.f.store(weight, "%weights", entry)
+            step.f.store(step.product(scale, weight) if scale else weight, "%weights", entry)
 
         return write

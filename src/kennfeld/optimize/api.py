@@ -9,6 +9,7 @@ from kennfeld.arrays import ArrayLike
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
+from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model
@@ -39,6 +40,7 @@ def calibrate(
     criteria: Sequence[Criterion] = (),
     test: Data | Sequence[Data] = (),
     free: Sequence[str] = ("*",),
+    free_axes: Sequence[str] = (),
     smoothness: float | Smoothness = 0.0,
     limits: Mapping[str, tuple[float, float]] | Sequence[Limit] | None = None,
     pins: Sequence[Pin] = (),
@@ -58,6 +60,8 @@ def calibrate(
         criteria: several targets, with weights and losses.
         test: data that are scored, never fitted.
         free: glob patterns of the parameters to fit; the others are kept.
+        free_axes: glob patterns of the axes whose breakpoints to fit: group axes by name, others as `Table.x`. Axes
+            made with `Axis(..., free=True)` are fitted in any case.
         smoothness: factor for all tables, or by parameter, or by parameter and axis.
         limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
             training sample, which may be an expression over nodes and channels; or a list of `Limit`.
@@ -75,7 +79,9 @@ def calibrate(
     >>> result.status, round(result.parameters["b"].value, 9)
     ('converged', 2.0)
     """
-    bounds, outputs = _told_apart(limits or {}, given := _parameters(start))
+    if isinstance(free_axes, str):
+        raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
+    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start), free_axes))
     parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
     training, scored = _datasets(data, "training"), _datasets(test, "test")

@@ -10,12 +10,14 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.limiting import limits_of
 from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.output_limits import OutputLimits
+from kennfeld.optimize.placing import Placing, coarse
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Result, Seconds, TraceLine
@@ -82,11 +84,15 @@ class _Run:
         end = infeasible if start is None else self._limited(self._descend(start, limits), start, limits)
         parameters = self._parameters(end.values)
         trust = self._informed(end)
+        axes = self.problem.free_axes
+        values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
             message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
+                part
+                for part in (end.message, remark if start is not None else "", _unseen(trust), told(axes, parameters))
+                if part
             ),
             parameters=parameters,
             start=self.problem.parameters,
@@ -97,7 +103,7 @@ class _Run:
             cost_before=before,
             cost_after=end.cost,
             free_values=int(limits.movable.sum()),
-            fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
+            fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             trust=trust,
         )
@@ -108,7 +114,7 @@ class _Run:
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
         long one is worth its time.
         """
-        settings = self.options.settings
+        settings = coarse(self.options.settings) if self.problem.free_axes else self.options.settings
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
@@ -116,6 +122,9 @@ class _Run:
             ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+        if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
+            placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
+            ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
 
     def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
@@ -138,8 +147,8 @@ class _Run:
         full[: values.size] = values
         return self.exact.values.unpack(full, self.problem.parameters)
 
-    def _report(self, stage: str, line: Iteration, values: Float) -> None:
-        cost = line.cost - self.exact.roughness.cost(values)
+    def _report(self, stage: str, line: Iteration, values: Float, compiled: Compiled | None = None) -> None:
+        cost = line.cost - (compiled or self.exact).roughness.cost(values)
         entry = TraceLine(
             iteration=line.iteration,
             start=1,
@@ -208,6 +217,7 @@ def _require(problem: Problem) -> None:
         findings.append(
             Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
         )
+    findings += left_behind(problem.free_axes, problem.free_names)
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
     else:

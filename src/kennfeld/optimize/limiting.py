@@ -6,8 +6,10 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import Finding, InputError
+from kennfeld.graph.free_axes import AxisKey, key_of
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.native import Values
+from kennfeld.optimize.breakpoints import bounds_of, order_of, slopes_along
 from kennfeld.optimize.constraints import Equality, Shape, Term
 from kennfeld.optimize.limits import Limits, Rows
 from kennfeld.optimize.problem import Problem
@@ -30,11 +32,15 @@ def limits_of(problem: Problem, values: Values) -> Limits:
         held = parameter.locked.ravel()
         lower[part] = np.where(held, parameter.values.ravel(), parameter.lower.ravel())
         upper[part] = np.where(held, parameter.values.ravel(), parameter.upper.ravel())
+    for key, axis in problem.free_axes.items():
+        part = slice(values.moving[key], values.moving[key] + len(axis.axis))
+        lower[part], upper[part] = bounds_of(axis, problem.parameters, problem.held)
     findings = list(_findings(problem))
     if findings:
         raise InputError(findings)
     writer = _Writer(problem, values)
-    return Limits(lower, upper, Rows.together([writer.pins(), *writer.constraints()]))
+    order = order_of(problem.free_axes, values)
+    return Limits(lower, upper, Rows.together([writer.pins(), *writer.constraints(), order]))
 
 
 def _findings(problem: Problem) -> Iterator[Finding]:
@@ -46,6 +52,7 @@ def _findings(problem: Problem) -> Iterator[Finding]:
             what = f"{constraint.kind} of {constraint.parameter}"
             yield from _of_term(problem, what, Term(constraint.parameter))
             if constraint.parameter in problem.parameters:
+                yield from _of_curvature(problem, what, constraint)
                 axes = len(problem.parameters[constraint.parameter].index_axes)
                 if not 0 <= constraint.axis < axes:
                     yield Finding(what, f"axis {constraint.axis} does not exist, the parameter has {axes}")
@@ -61,6 +68,21 @@ def _of_term(problem: Problem, what: str, term: Term) -> Iterator[Finding]:
         axes = problem.parameters[term.parameter].index_axes
         if len(term.at) != len(axes):
             yield Finding(what, f"{list(term.at)} has {len(term.at)} coordinates for {len(axes)} axes")
+
+
+def _of_curvature(problem: Problem, what: str, shape: Shape) -> Iterator[Finding]:
+    """A limit of the curvature is linear only while the breakpoints stand still."""
+    if shape.kind == "curvature" and _moving(problem, shape) is not None:
+        yield Finding(what, "the breakpoints along this axis are free", "Keep them, or drop the limit.")
+
+
+def _moving(problem: Problem, shape: Shape) -> AxisKey | None:
+    """The axis that a shape lies along, if its breakpoints are fitted."""
+    table = problem.parameters[shape.parameter]
+    if not 0 <= shape.axis < len(table.axes):
+        return None
+    key = key_of(table, shape.axis)
+    return key if key in problem.free_axes else None
 
 
 class _Writer:
@@ -95,6 +117,10 @@ class _Writer:
         points, coefficients = _differences(parameter, shape)
         columns = points.reshape(-1, points.shape[-1]) + self.values.offsets[shape.parameter]
         names = tuple(_places(parameter, shape, points))
+        key = _moving(self.problem, shape)
+        if key is not None:
+            steps = np.repeat(np.arange(len(points)), points.shape[1]) + self.values.moving[key]
+            return slopes_along(columns, np.stack([steps, steps + 1], axis=1), (shape.lower, shape.upper), names)
         lower, upper = (np.full(len(columns), side) for side in (shape.lower, shape.upper))
         return Rows(columns, np.repeat(coefficients, points.shape[1], axis=0), lower, upper, names)
 

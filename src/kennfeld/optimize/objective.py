@@ -4,6 +4,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.native import Cholesky
+from kennfeld.optimize.breakpoints import order_of, rising
 from kennfeld.optimize.problem import Compiled
 
 __all__ = ["SumOfSquares"]
@@ -19,6 +20,7 @@ class SumOfSquares:
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
+        self._order = order_of(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._cholesky = Cholesky(0 if self._small else self._free)
@@ -45,7 +47,9 @@ class SumOfSquares:
         return self._full
 
     def cost(self, values: Float) -> float:
-        """Sum of losses plus roughness."""
+        """Sum of losses plus roughness; infinite where breakpoints are out of order."""
+        if not rising(self._order, values):
+            return np.inf
         return self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
 
     def normal(self, values: Float) -> tuple[Float, Float]:
@@ -73,4 +77,8 @@ class SumOfSquares:
             if at < self._free:
                 size = self._compiled.problem.parameters[name].size
                 floor[at : at + size] = FLOOR * diagonal[at : at + size].mean() if size > 1 else 0.0
+        for key, at in self._compiled.values.moving.items():
+            if at < self._free:
+                part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
+                floor[part] = FLOOR * diagonal[part].mean()
         return floor

@@ -11,15 +11,17 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.graph import OPERATIONS, Builder, Graph
+from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Samples
 from kennfeld.optimize.binding import Bound, bind
+from kennfeld.optimize.breakpoints import Place, fitted_axes
 from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.gathering import Source, gather
-from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.moving_roughness import roughness_of
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "smoothable"]
@@ -52,6 +54,27 @@ class Problem:
         """The parameters that the function looks up and a pattern frees."""
         looked_up = self.model.graph.parameters
         return tuple(n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
+
+    @cached_property
+    def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
+        """The axes whose breakpoints are fitted."""
+        return fitted_axes(self.parameters, self.free_names)
+
+    @property
+    def idle_axes(self) -> list[AxisKey]:
+        """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
+        used = self.model.graph.parameters
+        return [
+            key
+            for key, axis in free_axes(self.parameters).items()
+            if key not in self.free_axes and any(name in used for name, _ in axis.places)
+        ]
+
+    @property
+    def held(self) -> list[Place]:
+        """The places at which pins and equalities fix what a lookup gives."""
+        terms = [term for c in self.constraints if isinstance(c, Equality) for term in c.terms]
+        return [(pin.parameter, pin.at) for pin in self.pins] + [(t.parameter, t.at) for t in terms if t.at is not None]
 
     @cached_property
     def training(self) -> tuple[Bound, ...]:
@@ -116,7 +139,7 @@ def _outputs(problem: Problem) -> list[str]:
 def smoothable(problem: Problem) -> bool:
     """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
     lowered = lower(problem.graph, problem.parameters, problem.free_names)
-    needed = split(lowered.graph, _outputs(problem), problem.free_names).graph
+    needed = split(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
@@ -131,8 +154,9 @@ class Compiled:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
         lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
+        fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         outputs = _outputs(problem)
-        self._split = split(lowered.graph, outputs, free)
+        self._split = split(lowered.graph, outputs, fitted)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
         self.kernel = Kernel(
             reduced,
@@ -141,13 +165,13 @@ class Compiled:
                 for name, c in zip(outputs, problem.criteria, strict=True)
             ],
             parameters,
-            free,
+            fitted,
         )
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
         self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
         self.accumulator = Accumulator(self.kernel, self.samples)
         self.values = self.kernel.values
-        self.roughness = Roughness.of(parameters, self.values, {name: problem.factors(name) for name in free})
+        self.roughness = roughness_of(parameters, self.values, {name: problem.factors(name) for name in free})
         self.start = self.values.pack(parameters)
 
     @property

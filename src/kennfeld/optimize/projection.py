@@ -59,7 +59,11 @@ def _in_order(problem: Problem) -> Values:
     for name in problem.free_names:
         offsets[name] = end
         end += problem.parameters[name].size
-    return Values(offsets, free=end, reach=0, total=end)
+    moving = {}
+    for key, axis in problem.free_axes.items():
+        moving[key] = end
+        end += len(axis.axis)
+    return Values(offsets, free=end, reach=0, total=end, moving=moving)
 
 
 def _sizes(values: Float) -> Float:

@@ -19,6 +19,7 @@ from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.project.constraints import Constraints, build_constraints
 from kennfeld.project.coverage import Coverage, touched
 from kennfeld.project.criteria import build_criteria
+from kennfeld.project.free_breakpoints import check_free_axes
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
@@ -83,6 +84,7 @@ class _Assembling:
         if self._failed or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
+        self.findings += check_free_axes(self.file, problem)
         self._check_samples(problem)
         self._check_limits(problem)
         return None if self._failed else self._feasible(self._locked(problem, tables))

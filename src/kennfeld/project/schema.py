@@ -17,6 +17,7 @@ __all__ = [
     "CriterionEntry",
     "DatasetEntry",
     "EqualityEntry",
+    "Freedom",
     "LimitEntry",
     "ModelEntry",
     "OptimizerEntry",
@@ -57,11 +58,19 @@ class DatasetEntry:
 
 
 @dataclass(frozen=True)
+class Freedom:
+    """What breakpoints keep while they are fitted, see `Axis`."""
+
+    min_distance: float | None = None
+    range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class AxisEntry:
-    """Where the breakpoints of an axis come from; exactly one way is filled in.
+    """Where the breakpoints of an axis come from; at most one way is filled in.
 
     `breakpoints` as given or spread evenly; `group` names a group axis; `quantiles` asks for so many of the training
-    data's quantiles.
+    data's quantiles. Without any of them they come from the initial files. With `freedom` they are fitted.
     """
 
     place: str
@@ -69,6 +78,12 @@ class AxisEntry:
     breakpoints: tuple[float, ...] = ()
     group: str = ""
     quantiles: int = 0
+    freedom: Freedom | None = None
+
+    @property
+    def inherits(self) -> bool:
+        """Whether the breakpoints are those of the initial files."""
+        return not (self.breakpoints or self.group or self.quantiles) and self.freedom is not None
 
 
 @dataclass(frozen=True)
