@@ -99,9 +99,9 @@ def _tiles(subject: Subject) -> Iterator[tuple[str, str, str]]:
 
 
 def _tile(label: str, number: str, below: str) -> Html:
-    return element(
-        "div", element("span", label, class_="label"), element("b", number), element("span", below), class_="tile"
-    )
+    value, _, unit = number.partition(" ")
+    large = element("b", value, [" ", element("small", unit)] if unit else None)
+    return element("div", element("span", label, class_="label"), large, element("span", below), class_="tile")
 
 
 def _score_table(subject: Subject) -> Html:

@@ -247,10 +247,17 @@ const LAYERS = {
   band(pen, layer, frame) {
     pen.fillStyle = layer.colour;
     pen.globalAlpha = layer.alpha ?? 0.18;
-    pen.beginPath();
-    for (let i = 0; i < layer.x.length; i++) pen[i ? "lineTo" : "moveTo"](frame.px(layer.x[i]), frame.py(layer.y[i]));
-    for (let i = layer.x.length - 1; i >= 0; i--) pen.lineTo(frame.px(layer.x[i]), frame.py(layer.y2[i]));
-    pen.fill();
+    const known = (i) => Number.isFinite(layer.y[i]) && Number.isFinite(layer.y2[i]);
+    for (let first = 0; first < layer.x.length; first++) {
+      if (!known(first)) continue;
+      let last = first;
+      while (last + 1 < layer.x.length && known(last + 1)) last++;
+      pen.beginPath();
+      for (let i = first; i <= last; i++) pen[i > first ? "lineTo" : "moveTo"](frame.px(layer.x[i]), frame.py(layer.y[i]));
+      for (let i = last; i >= first; i--) pen.lineTo(frame.px(layer.x[i]), frame.py(layer.y2[i]));
+      pen.fill();
+      first = last;
+    }
     pen.globalAlpha = 1;
   },
   stems(pen, layer, frame) {
