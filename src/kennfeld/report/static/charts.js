@@ -402,7 +402,7 @@ const DRAW = {
     const one = (heading, panes, parts) => {
       const cell = make("div", {}, make("div", { class: "heading" }, heading));
       grid.append(cell);
-      new Chart(cell, { height: 146, left: 48, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
+      new Chart(cell, { height: 146, left: 54, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
     };
     const pane = (...layers) => [{ title: "samples", floor: true, zero: true, layers: [...layers, zero] }];
     const { before, after } = f.own, b = COLOUR.before, a = COLOUR.after;
