@@ -12,13 +12,16 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.output_limits import OutputLimits
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "run"]
 
@@ -63,6 +66,7 @@ class _Run:
         self.objective = SumOfSquares(self.exact)
         smoothed = options.continuation != "off"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
+        self.outputs = OutputLimits(problem) if problem.limits else None
         self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
@@ -71,14 +75,12 @@ class _Run:
 
     def result(self) -> Result:
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
         before = self.objective.cost(given)
         infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits)
-        full = self.exact.start.copy()
-        full[: end.values.size] = end.values
-        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        end = infeasible if start is None else self._limited(self._descend(start, limits), start, limits)
+        parameters = self._parameters(end.values)
         trust = self._informed(end)
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
@@ -115,6 +117,26 @@ class _Run:
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
         return _lowest(ends)
+
+    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end moved to where the limits of outputs hold; from there, else from the start."""
+        outputs = self.outputs
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self._parameters(end.values)):
+            return end
+        ends = [end]
+        for at in (end.values, start):
+            ends.append(
+                outputs.descend(self.objective, at, limits, self.options.settings, self._parameters, self._report)
+            )
+            if ends[-1].status != "infeasible":
+                break
+        best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
+        return _with_effort(best, ends)
+
+    def _parameters(self, values: Float) -> ParameterSet:
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
 
     def _report(self, stage: str, line: Iteration, values: Float) -> None:
         cost = line.cost - self.exact.roughness.cost(values)
@@ -168,6 +190,11 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     elif best.status == "failed":
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
+    return _with_effort(best, ends)
+
+
+def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+    """An end with the iterations and evaluations of all."""
     effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
     return replace(best, **effort)
 
