@@ -51,7 +51,7 @@ class TestHelp:
         assert cli.run(["--help"]) == 0
         commands = capsys.readouterr().out.partition("Commands:")[2].split("\n")
         names = [line.split()[0] for line in commands if line.strip()]
-        assert names == ["demo", "check", "calibrate", "simulate", "info", "convert"]
+        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert"]
 
     def test_is_what_a_bare_call_shows(self, capsys):
         assert cli.run([]) == 0
@@ -61,7 +61,7 @@ class TestHelp:
         assert cli.run(["--version"]) == 0
         assert capsys.readouterr().out == "kennfeld 0.1.0\n"
 
-    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "info", "convert"])
+    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert"])
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
         assert done.exit_code == 0
@@ -90,7 +90,7 @@ class TestWrongUse:
         assert err.count("\n") == 1
         assert said in err
 
-    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "info"])
+    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report", "info"])
     def test_a_folder_is_no_file(self, command, tmp_path, capsys):
         assert cli.run([command, str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith(str(tmp_path))
@@ -339,6 +339,41 @@ class TestSimulate:
     def test_refuses_other_formats(self, project, capsys):
         assert cli.run(["simulate", str(project), "-o", "simulation.xlsx"]) == 2
         assert ".parquet or .csv" in capsys.readouterr().err
+
+
+class TestReport:
+    def test_comes_with_the_other_results(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        assert "report.html" in capsys.readouterr().out
+        text = (folder / "results" / "report.html").read_text(encoding="utf-8")
+        assert text.startswith("<!doctype html>")
+        assert "MapOptTorque" in text
+
+    def test_can_be_made_again_from_the_results(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        (folder / "results" / "report.html").unlink()
+        assert cli.run(["report", str(project)]) == 0
+        assert f"Written to {folder / 'results' / 'report.html'}" in capsys.readouterr().out
+        assert "converged" in (folder / "results" / "report.html").read_text(encoding="utf-8")
+
+    def test_goes_where_it_is_told_to_and_takes_the_results_it_is_told_to(self, folder, project, tmp_path):
+        assert cli.run(["calibrate", str(project), "-o", str(tmp_path / "second")]) == 0
+        target = tmp_path / "for the customer.html"
+        assert cli.run(["report", str(project), "-r", str(tmp_path / "second"), "-o", str(target)]) == 0
+        assert "Nothing has been calibrated yet" not in target.read_text(encoding="utf-8")
+        assert not (folder / "results").exists()
+
+    def test_without_results_tells_about_the_start(self, folder, project):
+        assert cli.run(["report", str(project)]) == 0
+        text = (folder / "results" / "report.html").read_text(encoding="utf-8")
+        assert "Nothing has been calibrated yet" in text
+
+    def test_damaged_results_are_named(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        (folder / "results" / "result.json").write_text("{", encoding="utf-8")
+        capsys.readouterr()
+        assert cli.run(["report", str(project)]) == 2
+        assert "result.json: is no result of a run" in capsys.readouterr().err
 
 
 class TestInfo:

@@ -139,17 +139,19 @@ def calibrate(
 
 def _calibrate(project: "Project", folder: Path) -> int:
     from kennfeld.project.results import require_room, write
+    from kennfeld.report import safely
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
 
     require_room(folder)
-    complain(*_sound(project))
+    findings = _sound(project)
+    complain(*findings)
     try:
         with Interrupt() as interrupt:
             with display("compiling") as shown:
                 result = project.calibrate(interrupt.watch(shown))
-            written = write(result, project, folder)
+            written = write(result, project, folder, {"report.html": safely(project, result, findings)})
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
@@ -198,6 +200,36 @@ def simulate(
     datasets = project.simulate(None if parameters is None else read(parameters))
     written = write_simulation(datasets, output or path.parent / "simulation.parquet")
     say(*(f"{data.name}: {data.samples} samples" for data in datasets), f"Written to {written}")
+    return DONE
+
+
+@app.command()
+def report(
+    path: ProjectFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="The .html file.", show_default="report.html in the folder", metavar="FILE"
+        ),
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "-r", "--results", help="Folder of the results.", show_default="results beside the project", metavar="DIR"
+        ),
+    ] = None,
+) -> int:
+    """Make the report on the results of an earlier run.
+
+    Without results it tells about the start alone.
+    """
+    from kennfeld.project import Project
+    from kennfeld.project.results import write_text
+    from kennfeld.report import from_folder
+
+    folder = results or path.parent / "results"
+    text = from_folder(Project.read(path), folder)
+    say(f"Written to {write_text(text, output or folder / 'report.html')}")
     return DONE
 
 

@@ -12,7 +12,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.graph.events import events
 from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.global_search import Search, global_search, unbounded
-from kennfeld.optimize.quadratic import Limits, pins
+from kennfeld.optimize.limits import Limits, Rows
 
 REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "idle" / "crossley_cook_closedloop_ref.csv"
 GLOBAL = kf.Options(method="global")
@@ -87,8 +87,8 @@ def test_the_same_seed_gives_the_same_search_whatever_others_draw():
 
 
 def test_locked_values_stay_and_equalities_hold():
-    matrix, target = pins(3, [(np.array([0, 1]), np.array([1.0, 1.0]), 1.5)])
-    limits = Limits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), matrix, target)
+    rows = Rows.of(np.array([[1.0, 1.0, 0.0]]), np.array([1.5]), np.array([1.5]), ["the sum"])
+    limits = Limits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), rows)
     function = Function(lambda values: (values[0] - 1.2) ** 2 + 1.0)
     found = global_search(function, np.array([0.0, 1.5, 0.25]), limits, Search())
     assert found.values == pytest.approx([1.2, 0.3, 0.25], abs=1e-4)

@@ -154,11 +154,9 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
 @pytest.mark.parametrize(
     "section",
     [
-        "[[limit]]\nnode = 'base'\nmax = 3",
         "[[step]]\ngrid_reduction = 2",
         "[optimizer]\nstarts = 5",
         "[optimizer]\nsave_every = 10",
-        "[parameters.Gain]\ngradient = { x = [0, inf] }",
         "[parameters.Gain]\nsmoothness = 'auto'",
         "[parameters.Gain]\nsmoothness = { x = 'auto' }",
         "[[dataset]]\nfiles = 'bench.csv'\nshift = 'auto'",

@@ -10,16 +10,21 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.global_search import Search, global_search, polished, unbounded
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.output_limits import OutputLimits
+from kennfeld.optimize.placing import Placing, coarse
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "run"]
 
@@ -78,6 +83,7 @@ class _Run:
         self.objective = SumOfSquares(self.exact)
         smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
+        self.outputs = OutputLimits(problem) if problem.limits else None
         self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
@@ -86,20 +92,22 @@ class _Run:
 
     def result(self) -> Result:
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
         before = self.objective.cost(given)
         infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits)
-        full = self.exact.start.copy()
-        full[: end.values.size] = end.values
-        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        end = infeasible if start is None else self._limited(self._descend(start, limits), start, limits)
+        parameters = self._parameters(end.values)
         trust = self._informed(end)
+        axes = self.problem.free_axes
+        values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
             message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
+                part
+                for part in (end.message, remark if start is not None else "", _unseen(trust), told(axes, parameters))
+                if part
             ),
             parameters=parameters,
             start=self.problem.parameters,
@@ -110,7 +118,7 @@ class _Run:
             cost_before=before,
             cost_after=end.cost,
             free_values=int(limits.movable.sum()),
-            fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
+            fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             trust=trust,
         )
@@ -121,11 +129,9 @@ class _Run:
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
         long one is worth its time.
         """
-        settings = self.options.settings
         if self.options.method == "global":
-            search = Search(self.options.max_evaluations, self.options.seed)
-            found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
-            return polished(self.objective, found, limits, settings, partial(self._report, "polish"))
+            return self._searched(start, limits)
+        settings = coarse(self.options.settings) if self.problem.free_axes else self.options.settings
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
@@ -133,10 +139,39 @@ class _Run:
             ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+        if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
+            placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
+            ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
 
-    def _report(self, stage: str, line: Iteration, values: Float) -> None:
-        cost = line.cost - self.exact.roughness.cost(values)
+    def _searched(self, start: Float, limits: Limits) -> Descent:
+        """The end of a search without gradients, and of a descent from there."""
+        search = Search(self.options.max_evaluations, self.options.seed)
+        found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
+        return polished(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
+
+    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end moved to where the limits of outputs hold; from there, else from the start."""
+        outputs = self.outputs
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self._parameters(end.values)):
+            return end
+        ends = [end]
+        for at in (end.values, start):
+            ends.append(
+                outputs.descend(self.objective, at, limits, self.options.settings, self._parameters, self._report)
+            )
+            if ends[-1].status != "infeasible":
+                break
+        best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
+        return _with_effort(best, ends)
+
+    def _parameters(self, values: Float) -> ParameterSet:
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
+
+    def _report(self, stage: str, line: Iteration, values: Float, compiled: Compiled | None = None) -> None:
+        cost = line.cost - (compiled or self.exact).roughness.cost(values)
         entry = TraceLine(
             iteration=line.iteration,
             start=1,
@@ -187,6 +222,11 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     elif best.status == "failed":
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
+    return _with_effort(best, ends)
+
+
+def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+    """An end with the iterations and evaluations of all."""
     effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
     return replace(best, **effort)
 
@@ -200,6 +240,7 @@ def _require(problem: Problem, options: Options) -> None:
         findings.append(
             Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
         )
+    findings += left_behind(problem.free_axes, problem.free_names)
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
     else:

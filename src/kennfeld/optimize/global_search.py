@@ -20,9 +20,9 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Objective, Settings, Status, Stop, gauss_newton
+from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 
 __all__ = ["FEW", "Search", "global_search", "polished", "unbounded"]
 
@@ -99,6 +99,9 @@ def unbounded(problem: Problem, place: Callable[[str], str] = "bounds of {}".for
         if open_sides:
             what = f"{name} has no {' and no '.join(open_sides)} bound, and a global search needs both"
             found.append(Finding(place(name), what, "Write bounds = [lower, upper], as narrow as you know them."))
+    for key in problem.free_axes:
+        what = f"the breakpoints of {key} are free, and a global search places none"
+        found.append(Finding(place(key.owner), what, "Fix them, or use the method gauss-newton."))
     return found
 
 

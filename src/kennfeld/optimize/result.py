@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool
+from kennfeld.arrays import Bool, Float
+from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
@@ -76,12 +77,20 @@ class Result:
     trust: Mapping[str, Bool] = field(default_factory=dict)
 
     @property
+    def moved(self) -> dict[str, tuple[Float, Float]]:
+        """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
+        before, after = free_axes(self.start), free_axes(self.parameters)
+        pairs = {str(key): (before[key].axis.breakpoints, after[key].axis.breakpoints) for key in before}
+        return {name: pair for name, pair in pairs.items() if not np.array_equal(*pair)}
+
+    @property
     def converged(self) -> bool:
         """Whether the fit ended where no step lowers the cost."""
         return self.status == "converged"
 
     def as_json(self) -> dict[str, Any]:
-        """The contents of `result.json`; numbers that are not finite are None."""
+        """The contents of `result.json`; numbers that are not finite are None. Moved breakpoints come last, if any."""
+        moved = {name: {"before": old.tolist(), "after": new.tolist()} for name, (old, new) in self.moved.items()}
         return {
             "status": self.status,
             "message": self.message,
@@ -91,7 +100,7 @@ class Result:
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
-        }
+        } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
         """The quality as rows of text, the heading first."""

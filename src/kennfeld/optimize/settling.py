@@ -98,8 +98,10 @@ def averaged(b: Builder, node: int) -> int:
 
 
 def not_held(graph: Graph, samples: int) -> Mapping[str, Float]:
-    """The averaging of data that are not held, where the graph reads it."""
-    return {SHARE: np.ones(samples), KEEP: np.zeros(samples)} if _reads(graph, AVERAGING) else {}
+    """The averaging of data that are not held, where the graph reads it; takes no memory."""
+    return (
+        {SHARE: np.broadcast_to(1.0, samples), KEEP: np.broadcast_to(0.0, samples)} if _reads(graph, AVERAGING) else {}
+    )
 
 
 def ages(hold: Hold | None, samples: int) -> dict[str, Float]:

@@ -53,7 +53,9 @@ class Weighting:
     def of(cls, criteria: Sequence[Criterion], bounds: Sequence[Bound]) -> "Weighting":
         """The weighting of the criteria over these data."""
         everywhere = any(bound.dataset.weight_channel for bound in bounds)
-        weighted = [i for i, c in enumerate(criteria) if everywhere or c.weight_channel or c.regions]
+        weighted = [
+            i for i, c in enumerate(criteria) if not c.internal and (everywhere or c.weight_channel or c.regions)
+        ]
         return cls(criteria, {i: f"\0weight {i}" for i in weighted})
 
     def extended(self, graph: Graph) -> Graph:

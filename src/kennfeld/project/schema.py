@@ -1,7 +1,7 @@
 """What a project file says, as frozen values; how it is written is known in `sections.py` alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +16,9 @@ __all__ = [
     "CalibrationEntry",
     "CriterionEntry",
     "DatasetEntry",
+    "EqualityEntry",
+    "Freedom",
+    "LimitEntry",
     "ModelEntry",
     "OptimizerEntry",
     "ParameterEntry",
@@ -24,6 +27,7 @@ __all__ = [
     "Range",
     "RegionEntry",
     "TargetEntry",
+    "TermEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
@@ -59,11 +63,19 @@ class DatasetEntry:
 
 
 @dataclass(frozen=True)
+class Freedom:
+    """What breakpoints keep while they are fitted, see `Axis`."""
+
+    min_distance: float | None = None
+    range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class AxisEntry:
-    """Where the breakpoints of an axis come from; exactly one way is filled in.
+    """Where the breakpoints of an axis come from; at most one way is filled in.
 
     `breakpoints` as given or spread evenly; `group` names a group axis; `quantiles` asks for so many of the training
-    data's quantiles.
+    data's quantiles. Without any of them they come from the initial files. With `freedom` they are fitted.
     """
 
     place: str
@@ -71,6 +83,12 @@ class AxisEntry:
     breakpoints: tuple[float, ...] = ()
     group: str = ""
     quantiles: int = 0
+    freedom: Freedom | None = None
+
+    @property
+    def inherits(self) -> bool:
+        """Whether the breakpoints are those of the initial files."""
+        return not (self.breakpoints or self.group or self.quantiles) and self.freedom is not None
 
 
 @dataclass(frozen=True)
@@ -96,6 +114,8 @@ class ParameterEntry:
     smoothness: float | Mapping[str, float] | None = None
     lock: bool | Literal["no-data"] | tuple[Range, ...] = False
     pins: tuple[PinEntry, ...] = ()
+    gradient: Range = field(default_factory=dict)
+    curvature: Range = field(default_factory=dict)
     extrapolation: Extrapolation | None = None
 
 
@@ -129,6 +149,35 @@ class CriterionEntry:
     scale: float = 1.0
     weight_channel: str = ""
     regions: tuple[RegionEntry, ...] = ()
+
+
+@dataclass(frozen=True)
+class LimitEntry:
+    """One `[[limit]]`."""
+
+    place: str
+    node: str
+    lower: float
+    upper: float
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class TermEntry:
+    """One term of an `[[equality]]`; without coordinates the sum of all values."""
+
+    parameter: str
+    at: tuple[float, ...] | None
+    factor: float
+
+
+@dataclass(frozen=True)
+class EqualityEntry:
+    """One `[[equality]]`."""
+
+    place: str
+    terms: tuple[TermEntry, ...]
+    value: float
 
 
 @dataclass(frozen=True)
@@ -167,6 +216,8 @@ class ProjectFile:
     parameters: Mapping[str, ParameterEntry]
     criteria: tuple[CriterionEntry, ...]
     optimizer: OptimizerEntry
+    limits: tuple[LimitEntry, ...] = ()
+    equalities: tuple[EqualityEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     CalibrationEntry,
     CriterionEntry,
@@ -41,9 +42,11 @@ def read_project(path: Path) -> ProjectFile:
         parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
         criteria=_criteria(root),
         optimizer=_optimizer(root),
+        limits=tuple(limit_entry(section) for section in root.sections("limit")),
+        equalities=tuple(equality_entry(section) for section in root.sections("equality")),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
-    for key in ("limit", "step"):
+    for key in ("step",):
         if root.get(key) not in (None, []):
             root.report(f"[[{key}]]", f"[[{key}]] {NEXT}", "Remove it.")
     _end(root)
@@ -55,10 +58,11 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
+    more = ("limit", "equality", "optimizer", "step")
     for key, value in root.values.items():
-        if key not in (*known, "optimizer", "limit", "step"):
+        if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
-            mend = nearest(key, [*known, "optimizer", "limit", "step"])
+            mend = nearest(key, [*known, *more])
             root.report(f"[{key}]" if what == "section" else key, f"is no {what} that a project file knows", mend)
 
 
