@@ -2,14 +2,15 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.objective import SumOfSquares, limits_of
@@ -18,20 +19,41 @@ from kennfeld.optimize.projection import project
 from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.step import Step
 from kennfeld.optimize.threads import blas_threads
 
-__all__ = ["Options", "Progress", "run"]
+__all__ = ["Options", "Progress", "Run", "run"]
 
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`."""
+    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
+
+    The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
+    and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
+    through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
+    """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    workers: int | None = None
+    steps: tuple[Step, ...] = ()
+    save_every: int = 0
+
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0)):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int) and value >= least):
+                raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
+        if not 0 < self.spread < float("inf"):
+            raise ArgumentError(f"spread={self.spread!r} must be a number above 0")
+        object.__setattr__(self, "steps", tuple(self.steps))
 
     @property
     def settings(self) -> Settings:
@@ -47,35 +69,61 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
-    running = _Run(problem, options, progress, seconds or Seconds())
+    running = Run(problem, options, progress, seconds or Seconds())
     with blas_threads(running.exact.values.free):
         return running.result()
 
 
-class _Run:
+Search = Callable[[Float, Limits], Descent]
+
+
+class Run:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
         _require(problem)
         self.problem, self.options, self.progress = problem, options, progress
+        self.watch: Callable[[TraceLine, Float], None] | None = None  # hears of the values as well
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
         smoothed = options.continuation != "off"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
-        self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
         self.weights = self.exact.weights
 
-    def result(self) -> Result:
+    @cached_property
+    def scorer(self) -> Scorer:
+        """What scores its start and its end."""
+        return Scorer(self.problem)
+
+    def moved(self, problem: Problem) -> "Run":
+        """The same run from other values of its free parameters; nothing is compiled again."""
+        other = copy(self)
+        other.problem, other.exact = problem, self.exact.moved(problem)
+        other.objective = SumOfSquares(other.exact)
+        other.continuation = self.continuation and self.continuation.moved(other.exact)
+        other.trace = []
+        return other
+
+    def end(self, search: Search | None = None) -> tuple[Descent, str]:
+        """Where the search from the projected start ends, and a remark on that start."""
         given = self.objective.start
         limits = limits_of(self.problem, self.exact)
         start, remark = project(given, limits)
-        before = self.objective.cost(given)
-        infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits)
+        if start is None:
+            return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
+        return (search or self._descend)(start, limits), remark
+
+    def result(self, search: Search | None = None) -> Result:
+        """The result of the run, or of another search of the same problem."""
+        scorer = self.scorer
+        self.compile = time.perf_counter() - self.began
+        before = self.objective.cost(self.objective.start)
+        limits = limits_of(self.problem, self.exact)
+        end, remark = self.end(search)
         full = self.exact.start.copy()
         full[: end.values.size] = end.values
         parameters = self.exact.values.unpack(full, self.problem.parameters)
@@ -83,12 +131,10 @@ class _Run:
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
-            message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
-            ),
+            message=" ".join(part for part in (end.message, remark, _unseen(trust)) if part),
             parameters=parameters,
             start=self.problem.parameters,
-            quality=self.scorer.quality(self.problem.parameters, parameters),
+            quality=scorer.quality(self.problem.parameters, parameters),
             trace=tuple(self.trace),
             iterations=end.iterations,
             evaluations=end.evaluations,
@@ -130,6 +176,8 @@ class _Run:
             seconds=time.perf_counter() - self.began,
         )
         self.trace.append(entry)
+        if self.watch is not None:
+            self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)
 

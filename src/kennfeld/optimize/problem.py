@@ -1,6 +1,7 @@
 """A calibration problem: model, data, parameters and criteria; and its compiled form."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
@@ -154,6 +155,12 @@ class Compiled:
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
+
+    def moved(self, problem: Problem) -> "Compiled":
+        """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
+        other = copy(self)
+        other.problem, other.start = problem, self.values.pack(problem.parameters)
+        return other
 
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem

@@ -11,7 +11,7 @@ from kennfeld.arrays import Bool
 from kennfeld.optimize.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Quality", "Result", "Seconds", "TraceLine"]
+__all__ = ["Quality", "Result", "Seconds", "StartResult", "TraceLine"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,10 @@ class Quality:
 
 @dataclass(frozen=True)
 class TraceLine:
-    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation."""
+    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation.
+
+    In a sequence the step's name stands before it: `step 1: plain`.
+    """
 
     iteration: int
     start: int
@@ -54,10 +57,37 @@ class Seconds:
 
 
 @dataclass(frozen=True)
+class StartResult:
+    """How one start ended. `distance` is from the best start's values, each parameter relative to its size there."""
+
+    start: int
+    status: Status
+    message: str
+    cost_before: float
+    cost_after: float
+    iterations: int
+    evaluations: int
+    distance: float = float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of "starts" in `result.json`."""
+        return {
+            "start": self.start,
+            "status": self.status,
+            "message": self.message,
+            "iterations": self.iterations,
+            "evaluations": self.evaluations,
+            "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
+            "distance": _number(self.distance),
+        }
+
+
+@dataclass(frozen=True)
 class Result:
     """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
 
     `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
+    `starts` has a row for each start; `resumed` names the saved states that the search went on from.
     """
 
     status: Status
@@ -74,6 +104,8 @@ class Result:
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
     trust: Mapping[str, Bool] = field(default_factory=dict)
+    starts: tuple[StartResult, ...] = ()
+    resumed: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -91,6 +123,8 @@ class Result:
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
+            "starts": [row.as_json() for row in self.starts],
+            "resumed": list(self.resumed),
         }
 
     def table(self) -> list[tuple[str, ...]]:
