@@ -14,8 +14,9 @@ from kennfeld.graph.node import Builder
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.optimize.binding import bind
-from kennfeld.optimize.calibration import Options, Progress, run
+from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.multistart import run
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
@@ -59,7 +60,7 @@ def calibrate(
         limits: lower and upper bound of all values of a parameter, in its unit, by name.
         pins: values that hold exactly at a coordinate.
         channels: the channel of a model input, where the names differ.
-        options: iterations, tolerance, continuation.
+        options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
     Returns:
