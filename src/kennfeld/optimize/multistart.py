@@ -75,6 +75,7 @@ class _Multistart:
         self.trace: list[TraceLine] = []
         self.climbs: dict[int, Climb] = {}
         self.went_on: list[str] = []
+        self.alone = False  # although several processes were wanted
         self.began = time.perf_counter()
 
     def result(self, seconds: Seconds) -> Result:
@@ -83,6 +84,8 @@ class _Multistart:
         ready = Run(self.whole, options, None, seconds)
         with blas_threads(ready.exact.values.free):
             result = ready.result(lambda start, limits: self._search(ready, start, limits))
+        if not self.climbs:  # the limits contradict each other
+            return replace(result, starts=(_row(result),))
         best = self._best()
         rows = [replace(c.row, distance=distance(c.values, best.values)) for _, c in sorted(self.climbs.items())]
         trace = sorted(self.trace, key=lambda line: line.start)
@@ -98,6 +101,7 @@ class _Multistart:
             work = (self.problem, self.options, begins, self.workers)
             self.climbs |= {c.row.start: c for c in climb_in_parallel(*work, self._report, self._save)}
         left = [begin for begin in begins if begin.start not in self.climbs]
+        self.alone = self.workers > 1 and len(left) > 1
         self.climbs |= {c.row.start: c for c in _climb_in_turn(climber, left, self._report, self._save)}
         best = self._best()
         packed = ready.exact.values.pack(holding(self.whole.parameters, best.values))[: start.size]
@@ -160,6 +164,7 @@ class _Multistart:
             failed = sum(row.status in ("failed", "infeasible") for row in rows)
             said.append(f"Best of {len(rows)} starts: number {best.row.start}.")
             said += [f"{failed} of them failed."] if failed else []
+        said += ["The starts ran one after the other: no other process could take the problem."] if self.alone else []
         said += [f"Resumed from {', '.join(self.went_on)}."] if self.went_on else []
         return "stopped" if stopped else best.row.status, " ".join(said)
 

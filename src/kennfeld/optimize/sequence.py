@@ -115,7 +115,7 @@ class _Climbing:
     def __init__(self, climber: Climber, begin: Begin, progress: Progress, keep: Keep) -> None:
         self.climber, self.begin, self.progress, self.keep = climber, begin, progress, keep
         self.values = dict(begin.values)
-        self.before = float("nan")
+        self.before = self.reached = float("nan")
         self.step, self.count = begin.step, begin.iteration
         self.iterations = self.evaluations = 0
 
@@ -136,7 +136,7 @@ class _Climbing:
         after = self.climber.cost(self.values)
         row = StartResult(self.begin.start, status, message, self.before, after, self.iterations, self.evaluations)
         if status != "stopped" and np.isfinite(after):
-            self.keep(Saved(self.begin.start, self.step, self.count, "end", after, self.values, row))
+            self.keep(Saved(self.begin.start, self.step, self.count, "end", self.reached, self.values, row))
         return Climb(row, self.values)
 
     def _take(self) -> Descent:
@@ -153,6 +153,7 @@ class _Climbing:
         run.progress = self._report
         end, _ = run.end()
         self.values |= _refined(run, end.values, parameters)
+        self.reached = end.cost
         self.iterations += end.iterations
         self.evaluations += end.evaluations
         return end

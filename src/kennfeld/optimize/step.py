@@ -204,7 +204,7 @@ class _Checking:
     def _an_axis_each(self, key: str, given: Mapping[str, object]) -> None:
         for name, parameter in self.problem.parameters.items():
             one, axes = matching(given, name, None), len(parameter.axes)
-            if isinstance(one, Sequence) and len(one) != axes and name in given:
+            if isinstance(one, Sequence) and axes and len(one) != axes:
                 self._report(
                     f"{key} {name}", f"{list(one)} are {len(one)} numbers for {axes} axes", "Give one an axis."
                 )

@@ -12,8 +12,9 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -41,7 +42,7 @@ def climb_in_parallel(
     start whose worker dies has failed.
     """
     try:
-        work = pickled((problem, options))
+        work = pickled((replace(problem), options))  # a copy is without what was computed from it
     except (pickle.PicklingError, TypeError, AttributeError):
         return []
     pool = _Pool(work, begins, workers, progress, keep)
@@ -55,13 +56,17 @@ def pickled(content: Any) -> bytes:
     """The content as a pickle; a model's read-only mappings are allowed, which pickle alone does not know."""
     stream = io.BytesIO()
     pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
-    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _plain_mapping}
+    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _plain}
     pickler.dump(content)
     return stream.getvalue()
 
 
-def _plain_mapping(proxy: Mapping[Any, Any]) -> tuple[type, tuple[dict[Any, Any]]]:
-    return MappingProxyType, (dict(proxy),)
+def _plain(proxy: Mapping[Any, Any]) -> tuple[Callable[..., Any], tuple[dict[Any, Any]]]:
+    return _read_only, (dict(proxy),)
+
+
+def _read_only(mapping: dict[Any, Any]) -> Mapping[Any, Any]:
+    return MappingProxyType(mapping)
 
 
 class _Worker:

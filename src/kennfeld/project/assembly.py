@@ -1,25 +1,24 @@
 """Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.optimize import Criterion, Pin, Problem
+from kennfeld.optimize import Criterion, Pin, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.binding import Bound
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
-from kennfeld.project.coverage import Coverage, touched
 from kennfeld.project.criteria import build_criteria
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
+from kennfeld.project.locking import untouched
 from kennfeld.project.schema import ProjectFile
+from kennfeld.project.steps import build_steps
 from kennfeld.project.tables import Tables, build_tables
 
 __all__ = ["Assembly", "assemble"]
@@ -33,20 +32,25 @@ class Assembly:
     problem: Problem | None
     seconds: float
     places: dict[str, str]  # of the datasets, by name
+    steps: tuple[Step, ...] = ()
 
 
 def assemble(file: ProjectFile) -> Assembly:
     """Read everything that a project file names."""
     began = time.perf_counter()
     work = _Assembling(file)
-    problem = None
+    problem, steps = None, tuple[Step, ...]()
     try:
         problem = work.problem()
+        if problem is not None:
+            steps = build_steps(file, problem, work.findings)
     except InputError as error:
         work.findings += error.findings
     except ArgumentError as error:
         work.findings.append(Finding(file.path.name, str(error)))
-    return Assembly(tuple(dict.fromkeys(work.findings)), problem, time.perf_counter() - began, dict(work.loaded.places))
+    findings, places = tuple(dict.fromkeys(work.findings)), dict(work.loaded.places)
+    sound = problem if not work.failed else None
+    return Assembly(findings, sound, time.perf_counter() - began, places, steps)
 
 
 class _Assembling:
@@ -75,11 +79,11 @@ class _Assembling:
         if tables is not None and self.function is not None:
             self._check_tables(tables, self.function)
         pins = self._pins(tables) if tables is not None else ()
-        if self._failed or tables is None or self.function is None:
+        if self.failed or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, pins)
         self._check_samples(problem)
-        return None if self._failed else self._locked(problem, tables)
+        return None if self.failed else self._locked(problem, tables)
 
     def _problem(
         self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], pins: tuple[Pin, ...]
@@ -96,7 +100,8 @@ class _Assembling:
         )
 
     @property
-    def _failed(self) -> bool:
+    def failed(self) -> bool:
+        """Whether a finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
     def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
@@ -237,25 +242,8 @@ class _Assembling:
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:
             return problem
-        coverage = Coverage(problem.model.graph, problem.parameters, names)
-        seen = {name: np.zeros(problem.parameters[name].values.shape, dtype=bool) for name in names}
-        for bound in problem.training:
-            for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
-                seen[name] |= mask
-        changed = [problem.parameters[name].changed(locked=~mask) for name, mask in seen.items()]
+        changed = [problem.parameters[name].changed(locked=mask) for name, mask in untouched(problem, names).items()]
         return replace(problem, parameters=problem.parameters.with_parameters(*changed))
-
-
-def _counting(problem: Problem) -> Callable[[Bound], Bool]:
-    """The samples that count: without states those with a target, else all, since the later ones depend on them."""
-
-    def counts(bound: Bound) -> Bool:
-        if problem.model.graph.states:
-            return np.ones(bound.count, dtype=bool)
-        scored = [np.isfinite(problem.target(criterion, bound)) for criterion in problem.criteria]
-        return np.asarray(np.logical_or.reduce(scored))
-
-    return counts
 
 
 def _emptiest(problem: Problem, bound: Bound) -> str:

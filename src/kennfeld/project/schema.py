@@ -16,17 +16,20 @@ __all__ = [
     "CalibrationEntry",
     "CriterionEntry",
     "DatasetEntry",
+    "Lock",
     "ModelEntry",
     "OptimizerEntry",
     "ParameterEntry",
     "PinEntry",
     "ProjectFile",
     "Range",
+    "StepEntry",
     "TargetEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
+Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ class ParameterEntry:
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
     smoothness: float | Mapping[str, float] | None = None
-    lock: bool | Literal["no-data"] | tuple[Range, ...] = False
+    lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
     extrapolation: Extrapolation | None = None
 
@@ -132,6 +135,26 @@ class OptimizerEntry:
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    save_every: int = 0
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """One `[[step]]`; None where a key is missing. Names of parameters may be patterns."""
+
+    place: str
+    name: str = ""
+    free: tuple[str, ...] | None = None
+    lock: Mapping[str, Lock] | None = None
+    smoothness: float | Mapping[str, float | Mapping[str, float]] | None = None
+    grid_reduction: float | Mapping[str, float | Mapping[str, float]] | None = None
+    criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = None
+    max_iterations: int | None = None
+    tolerance: float | None = None
+    continuation: Literal["auto", "off"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +172,7 @@ class ProjectFile:
     parameters: Mapping[str, ParameterEntry]
     criteria: tuple[CriterionEntry, ...]
     optimizer: OptimizerEntry
+    steps: tuple[StepEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property
