@@ -201,7 +201,8 @@ def test_a_script_without_a_guard_can_use_several_processes(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import kennfeld as kf\nprint('once')\n"
-        "r = kf.calibrate('m = k * x', {'x': [1, 2], 'y': [2, 4]}, {'k': 1}, 'y', options=kf.Options(starts=3, workers=2))\n"
+        "options = kf.Options(starts=3, workers=2)\n"
+        "r = kf.calibrate('m = k * x', {'x': [1, 2], 'y': [2, 4]}, {'k': 1}, 'y', options=options)\n"
         "print(r.message)\n",
         encoding="utf-8",
     )

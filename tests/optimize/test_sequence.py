@@ -19,7 +19,10 @@ def members(**attributes):
     return kf.ParameterSet([kf.Curve("C", BREAKPOINTS, np.ones(9), **attributes), kf.Scalar("k", 1.5)])
 
 
-def sequence(*steps, criteria=(kf.Criterion("m", "y"), kf.Criterion("n", "z")), parameters=None, **arguments):
+CRITERIA = (kf.Criterion("m", "y"), kf.Criterion("n", "z"))
+
+
+def sequence(*steps, criteria=CRITERIA, parameters=None, **arguments):
     options = kf.Options(steps=steps, **arguments.pop("options", {}))
     start = members() if parameters is None else parameters
     return kf.calibrate(TEXT, DATA, start, criteria=criteria, options=options, **arguments)
@@ -28,7 +31,9 @@ def sequence(*steps, criteria=(kf.Criterion("m", "y"), kf.Criterion("n", "z")), 
 def problem(**changes):
     settings = {"smoothness": {"C": 2.0}, "pins": (kf.Pin("C", (1.0,), 2.0),)} | changes
     criteria = (kf.Criterion("m", "y"), kf.Criterion("n", "z", weight=0.0))
-    return Problem(kf.formula(TEXT, parameters=["C", "k"]), (kf.Dataset.of("d", DATA),), members(), criteria, **settings)
+    return Problem(
+        kf.formula(TEXT, parameters=["C", "k"]), (kf.Dataset.of("d", DATA),), members(), criteria, **settings
+    )
 
 
 def test_a_step_frees_locks_and_smooths_by_name_or_pattern():
