@@ -69,12 +69,22 @@ def test_no_column_depends_on_a_free_parameter(case):
         np.testing.assert_array_equal(before, after)
 
 
-def test_a_search_of_the_data_becomes_a_column():
+def test_a_search_is_done_again():
     b = Builder()
     graph = lowered({"y": b.lookup("C", b.input("x"))}, b, Curve("C", [0.0, 1.0], [2.0, 3.0]))
     parts = split(graph, ["y"], ["C"])
-    assert [graph.nodes[at].op for at in parts.columns.values()] == ["position"]
-    assert [node.op for node in parts.graph.nodes] == ["input", "interpolate"]
+    assert parts.columns == {}
+    assert [node.op for node in parts.graph.nodes] == ["input", "position", "interpolate"]
+
+
+def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
+    b = Builder()
+    coordinate = b.call("exp", b.input("x"))
+    tables = [Curve(name, [0.0, 1.0 + i], [2.0, 3.0]) for i, name in enumerate("CD")]
+    graph = lowered({"y": b.call("add", b.lookup("C", coordinate), b.lookup("D", coordinate))}, b, *tables)
+    parts = split(graph, ["y"], ["C", "D"])
+    assert [graph.nodes[at].op for at in parts.columns.values()] == ["exp"]
+    assert [node.op for node in parts.graph.nodes].count("position") == 2
 
 
 def test_what_is_cheap_is_computed_again():

@@ -25,6 +25,8 @@ def loss(r, kind, delta):
         case "soft_l1":
             root = np.sqrt(1 + (r / delta) ** 2)
             return 2 * r * r / (root + 1), 1 / root
+        case "excess":
+            return np.where(r > 0, r * r, 0.0), np.where(r > 0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
+from kennfeld.optimize.constraints import Equality, Term
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.reduction import kept, penalty_ratio, reduced, reduced_table, refined_table
 from kennfeld.optimize.roughness import Roughness
@@ -111,6 +114,21 @@ def test_tables_of_one_group_axis_can_be_reduced_apart():
     assert [small.parameters[name].size for name in "AB"] == [3, 6]
     assert small.parameters["A"].axes[0].input == "x"
     assert small.factors("A")[0] < small.factors("B")[0] == 2.0
+
+
+def test_breakpoints_around_a_pin_are_kept_and_summed_tables_stay():
+    table = kf.Curve("C", np.arange(13.0), np.zeros(13))
+    base = Problem(
+        kf.formula("m = C(x)"),
+        (kf.Dataset.of("d", {"x": [1.0], "y": [1.0]}),),
+        ParameterSet([table]),
+        (kf.Criterion("m", "y"),),
+        pins=(kf.Pin("C", (5.5,), 1.0), kf.Pin("C", (1.0,), 1.0)),
+    )
+    points = reduced(base, {"C": (4,)}).parameters["C"].axes[0].breakpoints
+    assert points.tolist() == [0, 1, 4, 5, 6, 8, 12]
+    summed = replace(base, constraints=(Equality([Term("C")], 3.0),))
+    assert reduced(summed, {"C": (4,)}) is summed
 
 
 def test_a_table_too_small_to_be_reduced_stays_as_it_is():

@@ -5,8 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld import Step
+from kennfeld.optimize.constraints import Equality, Shape, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.step import stepped, whole
+from kennfeld.optimize.step import standing, stepped, whole
 from kennfeld.project.demo import torque
 
 X = np.linspace(0.0, 3.0, 61)
@@ -46,8 +47,17 @@ def test_a_step_frees_locks_and_smooths_by_name_or_pattern():
 
 
 def test_a_step_drops_the_pins_of_what_it_holds():
-    assert stepped(problem(), Step(free=["k"])).pins == ()
-    assert len(stepped(problem(), Step(free=["C"])).pins) == 1
+    assert standing(stepped(problem(), Step(free=["k"]))).pins == ()
+    assert len(standing(stepped(problem(), Step(free=["C"]))).pins) == 1
+
+
+def test_an_equality_counts_what_a_step_holds_as_it_stands():
+    sums = Equality([Term("C", (0.75,), 2.0), Term("k", (), -1.0)], 0.3)
+    shape = Shape("C", 0, "slope", lower=0.0)
+    given = problem(pins=(), constraints=(sums, shape))
+    assert standing(stepped(given, Step())).constraints == (sums, shape)
+    assert standing(stepped(given, Step(free=["C"]))).constraints == (Equality([Term("C", (0.75,), 2.0)], 1.8), shape)
+    assert standing(stepped(given, Step(free=["k"]))).constraints == (Equality([Term("k", (), -1.0)], -1.7),)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +125,35 @@ def test_locks_bounds_and_pins_hold_after_a_coarse_step():
     assert np.interp(1.9, BREAKPOINTS, values) == pytest.approx(0.77, rel=1e-9)
 
 
+def test_slopes_and_equalities_hold_after_a_coarse_step():
+    limits = [Shape("C", 0, "slope", upper=0.05), Equality([Term("C", (0.4,)), Term("C", (2.7,), -1.0)], 0.4)]
+    for steps in ([Step(grid_reduction=3)], [Step(grid_reduction=2), Step(free=["k"]), Step(free=["C"])]):
+        values = sequence(*steps, constraints=limits).parameters["C"].values
+        assert np.all(np.diff(values) / np.diff(BREAKPOINTS) <= 0.05 + 1e-9)
+        assert np.interp(0.4, BREAKPOINTS, values) - np.interp(2.7, BREAKPOINTS, values) == pytest.approx(0.4, rel=1e-9)
+
+
+def test_limits_of_outputs_hold_at_the_end_of_a_sequence():
+    limits = {"m": (-np.inf, 2.4)}
+    free = sequence(Step(grid_reduction=2), Step())
+    result = sequence(Step(grid_reduction=2), Step(), limits=limits)
+    values = [kf.simulate(TEXT, DATA, each.parameters)["m"].values.max() for each in (free, result)]
+    assert values[0] > 2.5
+    assert values[1] <= 2.4 + 1e-5
+    assert result.status == "converged"
+
+
+def test_limits_of_outputs_hold_for_every_start():
+    result = kf.calibrate(
+        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=3, workers=2)
+    )
+    again = kf.calibrate(
+        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=3, workers=1)
+    )
+    assert kf.simulate(TEXT, DATA, result.parameters)["m"].values.max() <= 2.4 + 1e-5
+    assert [row.as_json() for row in result.starts] == [row.as_json() for row in again.starts]
+
+
 def test_a_step_has_its_own_iterations():
     result = sequence(Step(max_iterations=2), Step(max_iterations=3), options={"continuation": "off"})
     assert result.status == "max_iterations"
@@ -125,7 +164,7 @@ def test_a_step_that_cannot_be_done_ends_the_sequence_and_is_named():
     steps = Step(free=["k"]), Step(name="held", lock={"C": True}), Step()
     result = sequence(*steps, pins=[kf.Pin("C", (0.0,), 3.0)])
     assert result.status == "infeasible"
-    assert result.message.startswith("held: Pins contradict")
+    assert result.message.startswith("held: Limits contradict")
     assert {line.stage for line in result.trace} == {"step 1: plain"}
 
 

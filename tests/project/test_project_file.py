@@ -155,9 +155,7 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
 @pytest.mark.parametrize(
     "section",
     [
-        "[[limit]]\nnode = 'base'\nmax = 3",
         "[optimizer]\nmethod = 'global'",
-        "[parameters.Gain]\ngradient = { x = [0, inf] }",
         "[parameters.Gain]\nsmoothness = 'auto'",
         "[parameters.Gain]\nsmoothness = { x = 'auto' }",
         "[[dataset]]\nfiles = 'bench.csv'\nshift = 'auto'",

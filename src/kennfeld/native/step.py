@@ -23,12 +23,11 @@ from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.engine import Engine
 from kennfeld.native.entries import entry_items
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.smoothing import smooth_function
-from kennfeld.native.tables import search_function
+from kennfeld.native.rows import HEAD, find, load_sample, visit
 
 __all__ = ["Code", "Loss", "Output", "compiled", "cost_code", "start_code", "tape_code", "values_code"]
 
-Loss = Literal["square", "huber", "soft_l1"]
+Loss = Literal["square", "huber", "soft_l1", "excess"]
 RANGE = (("i64", "first"), ("i64", "last"))
 TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
 ZERO = literal(0.0)
@@ -80,24 +79,33 @@ class Code:
 
 def compiled(*codes: Code) -> list[Callable[..., None]]:
     """The functions, compiled as one module."""
-    helpers = search_function()
-    if any("@kf_smooth" in code.text for code in codes):
-        helpers += smooth_function()
-    engine = Engine(helpers + "".join(code.text for code in codes))
+    engine = Engine("".join(code.text for code in codes))
     return [engine.function(code.name, code.parameters) for code in codes]
 
 
-def _loop(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout) -> Code:
-    """A function that runs the step and `tail` for each sample of a range, `%row` counting from its first."""
+def _loop(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout, outputs: int = 0) -> Code:
+    """A function that runs the step and `tail` for each sample of a range, `%row` counting from its first.
+
+    Without states, sums over `outputs` targets visit the samples in their order.
+    """
     passed = [*PARAMETERS, *extra, ("i64", "row")]
     roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
     items = [*node_items(line.nodes, roots), *tail, *_advance(line, layout)]
     step = emit_items(f"{name}_step", passed, items, line.nodes, layout)
     f = Function(name, [*PARAMETERS, *extra, *RANGE])
+    read = [("%data", HEAD + row) for row in layout.inputs.values()] + [("%targets", row) for row in range(outputs)]
+    order = f.load("%data", kind="ptr")
     with f.loop("%first", "%last") as k:
         row = f.new(f"sub i64 {k}, %first")
-        f.call(f"{name}_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", row), ("i64", k)])
+        block, place = find(f, k) if line.states or not outputs else visit(f, order, k, read)
+        f.call(f"{name}_step", _arguments(f, passed[:-1], block, row, place))
     return Code(f.name, f.parameters, step + f.text())
+
+
+def _arguments(f: Function, passed: Arguments, block: str, row: str, place: str) -> Arguments:
+    """What a step is called with: the function's own parameters, tables moved on to a block, then row and place."""
+    given = [(kind, f.at(f"%{n}", block, "ptr") if n in ("data", "targets") else f"%{n}") for kind, n in passed]
+    return [*given, ("i64", row), ("i64", place)]
 
 
 def _advance(line: Linearization, layout: Layout) -> list[Item]:
@@ -142,7 +150,7 @@ def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
         return Item((output.node,), emit)
 
     tail = [add(at, output) for at, output in enumerate(outputs)]
-    return _loop("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout)
+    return _loop("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout, len(outputs))
 
 
 def _residual(step: Step, at: int, output: Output) -> tuple[str, str]:
@@ -155,7 +163,7 @@ def _residual(step: Step, at: int, output: Output) -> tuple[str, str]:
 
 def _target(f: Function, at: int) -> tuple[str, str]:
     """The target of an output, and whether there is one."""
-    target = f.load(f.at("%targets", f.mul("%stride", at)), "%k")
+    target = load_sample(f, "%targets", at, "%k")
     return target, f.new(f"fcmp ord double {target}, {target}")
 
 
@@ -183,6 +191,9 @@ def _loss(f: Function, r: str, output: Output) -> tuple[str, str]:
             # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
             loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")
             return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
+        case "excess":
+            beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
+            return f.select(beyond, square, ZERO), f.select(beyond, literal(1.0), ZERO)
 
 
 def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
@@ -231,7 +242,7 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
         return _state_slope(step, line.states[line.carried[row - m]].next, line.slopes[row][atom])
 
     tail += entry_items(line, layout, line.atoms, line.slopes, slope_of, [line.states[i].next for i in line.carried])
-    return _loop("tape", TAPE, tail, line, layout)
+    return _loop("tape", TAPE, tail, line, layout, m)
 
 
 def _present(slopes: Mapping[int, int], seeds: Sequence[int]) -> tuple[int, ...]:
@@ -278,5 +289,6 @@ def start_code(line: Linearization, layout: Layout) -> Code:
     passed = [*PARAMETERS, *extra, ("i64", "row")]
     step = emit_items("start_step", passed, items, line.nodes, layout)
     f = Function("start", [*PARAMETERS, *extra, ("i64", "k")])
-    f.call("start_step", [(kind, f"%{n}") for kind, n in passed[:-1]] + [("i64", "0"), ("i64", "%k")])
+    block, place = find(f, "%k")
+    f.call("start_step", _arguments(f, passed[:-1], block, "0", place))
     return Code(f.name, f.parameters, step + f.text())

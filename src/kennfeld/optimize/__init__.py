@@ -2,7 +2,8 @@
 
 from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.optimize.calibration import Options, Progress
-from kennfeld.optimize.criterion import Criterion, Limit, Pin, Target
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape, Term
+from kennfeld.optimize.criterion import Criterion, Target
 from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.multistart import run
 from kennfeld.optimize.problem import Problem
@@ -12,6 +13,7 @@ from kennfeld.optimize.step import Step
 
 __all__ = [
     "Criterion",
+    "Equality",
     "Keep",
     "Limit",
     "Options",
@@ -22,10 +24,12 @@ __all__ = [
     "Result",
     "Saved",
     "Seconds",
+    "Shape",
     "StartResult",
     "Step",
     "Stop",
     "Target",
+    "Term",
     "TraceLine",
     "calibrate",
     "run",

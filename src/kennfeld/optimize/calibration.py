@@ -13,14 +13,17 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.output_limits import OutputLimits
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.step import Step
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "Run", "run"]
 
@@ -99,9 +102,16 @@ class Run:
         """What scores its start and its end."""
         return Scorer(self.problem)
 
+    @cached_property
+    def outputs(self) -> OutputLimits | None:
+        """The limits of outputs, where there are any."""
+        return OutputLimits(self.problem) if self.problem.limits else None
+
     def moved(self, problem: Problem) -> "Run":
         """The same run from other values of its free parameters; nothing is compiled again."""
         other = copy(self)
+        for made_for_one_start in ("scorer", "outputs"):
+            other.__dict__.pop(made_for_one_start, None)
         other.problem, other.exact = problem, self.exact.moved(problem)
         other.objective = SumOfSquares(other.exact)
         other.continuation = self.continuation and self.continuation.moved(other.exact)
@@ -111,22 +121,23 @@ class Run:
     def end(self, search: Search | None = None) -> tuple[Descent, str]:
         """Where the search from the projected start ends, and a remark on that start."""
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
         if start is None:
             return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
-        return (search or self._descend)(start, limits), remark
+        if search is not None:
+            return search(start, limits), remark
+        return self._limited(self._descend(start, limits), start, limits), remark
 
     def result(self, search: Search | None = None) -> Result:
         """The result of the run, or of another search of the same problem."""
         scorer = self.scorer
+        _ = search or self.outputs
         self.compile = time.perf_counter() - self.began
         before = self.objective.cost(self.objective.start)
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         end, remark = self.end(search)
-        full = self.exact.start.copy()
-        full[: end.values.size] = end.values
-        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        parameters = self.parameters(end.values)
         trust = self._informed(end)
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
@@ -161,6 +172,27 @@ class Run:
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
         return _lowest(ends)
+
+    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end moved to where the limits of outputs hold; from there, else from the start."""
+        outputs = self.outputs
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self.parameters(end.values)):
+            return end
+        ends = [end]
+        for at in (end.values, start):
+            ends.append(
+                outputs.descend(self.objective, at, limits, self.options.settings, self.parameters, self._report)
+            )
+            if ends[-1].status != "infeasible":
+                break
+        best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
+        return _with_effort(best, ends)
+
+    def parameters(self, values: Float) -> ParameterSet:
+        """The set with these free values."""
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
 
     def _report(self, stage: str, line: Iteration, values: Float) -> None:
         cost = line.cost - self.exact.roughness.cost(values)
@@ -216,6 +248,11 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     elif best.status == "failed":
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
+    return _with_effort(best, ends)
+
+
+def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+    """An end with the iterations and evaluations of all."""
     effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
     return replace(best, **effort)
 

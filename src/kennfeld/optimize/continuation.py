@@ -15,9 +15,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, smoothable
-from kennfeld.optimize.quadratic import Limits
 
 __all__ = ["LONG", "SHORT", "Continuation", "Ladder"]
 

@@ -12,9 +12,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import calibration
 from kennfeld.optimize.calibration import Options, Progress, Run
 from kennfeld.optimize.gauss_newton import Descent, Status
+from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.saved import Keep, Saved
 from kennfeld.optimize.sequence import STOPPED, Begin, Climb, Climber, holding, not_begun

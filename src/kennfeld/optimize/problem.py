@@ -16,7 +16,8 @@ from kennfeld.graph.split import split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Samples
 from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.gathering import Source, gather
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.parameters import ParameterSet
@@ -43,6 +44,8 @@ class Problem:
     smoothness: Smoothness = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[Shape | Equality, ...] = ()
+    limits: tuple[Limit, ...] = ()
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -54,6 +57,11 @@ class Problem:
     def training(self) -> tuple[Bound, ...]:
         """The training data, bound to the model."""
         return tuple(self.bind(data) for data in self.datasets if data.use == "training" and data.weight > 0)
+
+    @cached_property
+    def gathered(self) -> tuple[Bound, ...]:
+        """The training data as they are compiled: without memory, dropped points stay where they are, not scored."""
+        return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
 
     def bind(self, dataset: Dataset) -> Bound:
         """A dataset as the model reads it."""
@@ -86,7 +94,8 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
-        return np.where(bound.scored & np.isfinite(values), values, np.nan)
+        counts = bound.scored & ~np.isinf(values)
+        return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
         """Smoothness of each axis of a parameter."""
@@ -146,11 +155,19 @@ class Compiled:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [
-            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
-            for piece in samples.pieces
-        ]
+        parts = [samples.scored(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
+
+    def reweighted(self, factors: Float) -> "Compiled":
+        """The same with the weight of each criterion times a factor; nothing is compiled again."""
+        made = copy(self)
+        made.samples = self.samples.reweighted(factors)
+        made.accumulator = Accumulator(self.kernel, made.samples)
+        return made
+
+    def reread_targets(self) -> None:
+        """Take over targets that were changed in place; those made by `reweighted` share them."""
+        self.samples.wanted.reread()
 
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
@@ -166,7 +183,7 @@ class Compiled:
         problem = self.problem
         sources = [
             Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.training
+            for bound in problem.gathered
         ]
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
@@ -181,14 +198,13 @@ class Compiled:
         elif mine == list(theirs):
             samples = other.samples
         else:
-            rows = other.samples.data[[theirs[name] for name in mine]]
-            samples = Samples(rows, other.samples.targets, other.samples.pieces)
+            samples = other.samples.with_inputs([theirs[name] for name in mine])
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
 def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
     """The graph with `dt` a constant where all data have the same even step."""
-    steps = {float(step) for bound in bounds if "dt" in bound.columns for step in _extremes(bound.columns["dt"])}
+    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     if len(steps) != 1:
         return graph
     step = steps.pop()

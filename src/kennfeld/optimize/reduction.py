@@ -1,12 +1,14 @@
 """Grid reduction: a table on every nth of its breakpoints, and back on all of them by interpolation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Int
 from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.optimize.constraints import Equality, Term
+from kennfeld.optimize.limiting import grid_points
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Axis, Parameter, ParameterSet
 
@@ -24,12 +26,17 @@ def kept(count: int, factor: int) -> Int:
     return places
 
 
-def reduced_table(parameter: Parameter, factors: Sequence[int]) -> Parameter:
+def reduced_table(parameter: Parameter, factors: Sequence[int], points: Sequence[Int] = ()) -> Parameter:
     """The table at the breakpoints that stay, with the bounds and locks of these grid points.
 
-    Axes lose their group: other tables of it keep all breakpoints.
+    Those of the grid `points`, as flat numbers, stay in any case. Axes lose their group: other tables of it keep all
+    breakpoints.
     """
-    places = [kept(len(axis), factor) for axis, factor in zip(parameter.axes, factors, strict=True)]
+    needed = [np.unravel_index(each, parameter.values.shape) for each in points]
+    places = [
+        np.unique(np.concatenate([kept(len(axis), factor), *(at[i] for at in needed)]))
+        for i, (axis, factor) in enumerate(zip(parameter.axes, factors, strict=True))
+    ]
     if all(place.size == len(axis) for place, axis in zip(places, parameter.axes, strict=True)):
         return parameter
     chosen = np.ix_(*places)
@@ -72,8 +79,15 @@ def _size(table: Parameter, axis: int) -> float:
 
 
 def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
-    """The problem with the named tables on coarse grids; smoothness keeps the penalty of a surface as it was."""
-    tables = {name: reduced_table(problem.parameters[name], each) for name, each in factors.items()}
+    """The problem with the named tables on coarse grids; smoothness keeps the penalty of a surface as it was.
+
+    Breakpoints around a pin, or a value that an equality names, stay, so that these can be met as before; so does the
+    grid of a table whose values are summed.
+    """
+    tables = {
+        name: reduced_table(problem.parameters[name], each, list(_needed(problem, name)))
+        for name, each in factors.items()
+    }
     changed = [table for name, table in tables.items() if table is not problem.parameters[name]]
     if not changed:
         return problem
@@ -86,6 +100,15 @@ def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
     }
     parameters = problem.parameters.with_parameters(*changed)
     return replace(problem, parameters=parameters, smoothness={**problem.smoothness, **rescaled})
+
+
+def _needed(problem: Problem, name: str) -> Iterator[Int]:
+    """The grid points that pins and equalities name."""
+    terms = [Term(pin.parameter, pin.at) for pin in problem.pins]
+    terms += [term for each in problem.constraints if isinstance(each, Equality) for term in each.terms]
+    for term in terms:
+        if term.parameter == name:
+            yield grid_points(problem.parameters[name], term.at)[0]
 
 
 def refined(coarse: ParameterSet, full: ParameterSet) -> ParameterSet:

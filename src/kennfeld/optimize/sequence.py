@@ -14,7 +14,7 @@ from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.reduction import reduced, refined
 from kennfeld.optimize.result import Seconds, StartResult, TraceLine
 from kennfeld.optimize.saved import Keep, Saved
-from kennfeld.optimize.step import Step, stepped, whole
+from kennfeld.optimize.step import Step, standing, stepped, whole
 from kennfeld.optimize.threads import blas_threads
 from kennfeld.parameters import ParameterSet
 
@@ -92,10 +92,14 @@ class Climber:
         return objective.cost(objective.start)
 
     def run(self, number: int, values: TableValues) -> tuple[Run, ParameterSet]:
-        """The run of a step from these values, and the parameters on the full grids."""
+        """The run of a step from these values, and the parameters on the full grids.
+
+        Limits of outputs are kept by the last step alone: before that, a part of the values may not be able to.
+        """
         step, variant = self.steps[number - 1], self._variants[number]
         parameters = holding(variant.parameters, values)
-        full = replace(variant, parameters=parameters)
+        limits = variant.limits if number == len(self.steps) else ()
+        full = standing(replace(variant, parameters=parameters, limits=limits))
         tables = [name for name in full.free_names if parameters[name].axes]
         small = reduced(full, {name: step.reduction(parameters[name]) for name in tables})
         if number not in self._runs or not _alike(self._runs[number].problem, small):

@@ -10,11 +10,13 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool
 from kennfeld.errors import ArgumentError, Finding, nearest
+from kennfeld.optimize.constraints import Equality, Shape, Term
 from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.limiting import grid_points
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.parameters import Parameter
 
-__all__ = ["Step", "matching", "stepped", "unusable", "whole"]
+__all__ = ["Step", "matching", "standing", "stepped", "unusable", "whole"]
 
 Reduction = int | Sequence[int]
 Value = TypeVar("Value")
@@ -93,15 +95,41 @@ def matching(by_pattern: Mapping[str, Value], name: str, default: Value) -> Valu
 
 
 def stepped(problem: Problem, step: Step) -> Problem:
-    """The problem of one step, on the full grid. Parameters that the step does not fit have no pins."""
+    """The problem of one step, on the full grid; `standing` adapts its pins and other linear limits."""
     free = problem.free if step.free is None else tuple(step.free)
-    changed = replace(problem, free=free, criteria=_active(problem.criteria, step.criteria))
     return replace(
-        changed,
+        problem,
+        free=free,
+        criteria=_active(problem.criteria, step.criteria),
         parameters=problem.parameters.with_parameters(*_locked(problem, step)),
         smoothness=_smoothness(problem, step),
-        pins=tuple(pin for pin in problem.pins if pin.parameter in changed.free_names),
     )
+
+
+def standing(problem: Problem) -> Problem:
+    """The problem with the linear limits on what is free alone, the other parameters standing as they are."""
+    free, used = problem.free_names, problem.model.graph.parameters
+
+    def held(name: str) -> bool:
+        return name in used and name not in free
+
+    constraints: list[Shape | Equality] = []
+    for constraint in problem.constraints:
+        if isinstance(constraint, Shape):
+            constraints += [] if held(constraint.parameter) else [constraint]
+        else:
+            fixed = [term for term in constraint.terms if held(term.parameter)]
+            left = [term for term in constraint.terms if not held(term.parameter)]
+            value = constraint.value - sum(_value(problem.parameters[term.parameter], term) for term in fixed)
+            constraints += [Equality(left, value)] if left else []
+    pins = tuple(pin for pin in problem.pins if not held(pin.parameter))
+    return replace(problem, pins=pins, constraints=tuple(constraints))
+
+
+def _value(parameter: Parameter, term: Term) -> float:
+    """What a term of an equality is."""
+    columns, weights = grid_points(parameter, term.at)
+    return term.factor * float(weights @ parameter.values.ravel()[columns])
 
 
 def whole(problem: Problem, steps: Sequence[Step]) -> Problem:
@@ -116,12 +144,8 @@ def whole(problem: Problem, steps: Sequence[Step]) -> Problem:
         )
         for name in names
     ]
-    return replace(
-        problem,
-        free=tuple(escape(name) for name in names),
-        parameters=problem.parameters.with_parameters(*held),
-        pins=tuple(pin for pin in problem.pins if pin.parameter in names),
-    )
+    free = tuple(escape(name) for name in names)
+    return standing(replace(problem, free=free, parameters=problem.parameters.with_parameters(*held)))
 
 
 def _locked(problem: Problem, step: Step) -> list[Parameter]:

@@ -6,12 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.optimize import Criterion, Pin, Problem, Step
+from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.binding import Bound
-from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.optimize.output_limits import channels_of, check_limits
+from kennfeld.optimize.projection import infeasible
+from kennfeld.parameters import ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
+from kennfeld.project.constraints import Constraints, build_constraints
 from kennfeld.project.criteria import build_criteria
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
@@ -78,15 +81,24 @@ class _Assembling:
         self._check_datasets()
         if tables is not None and self.function is not None:
             self._check_tables(tables, self.function)
-        pins = self._pins(tables) if tables is not None else ()
+        constraints = Constraints()
+        if tables is not None:
+            constraints = build_constraints(file, tables, self.function, findings)
         if self.failed or tables is None or self.function is None:
             return None
-        problem = self._problem(self.function, tables, criteria, pins)
+        problem = self._problem(self.function, tables, criteria, constraints)
         self._check_samples(problem)
-        return None if self.failed else self._locked(problem, tables)
+        self._check_limits(problem)
+        return None if self.failed else self._feasible(self._locked(problem, tables))
+
+    def _feasible(self, problem: Problem) -> Problem | None:
+        """The problem, None where its limits contradict each other."""
+        found = infeasible(problem)
+        self.findings += found
+        return None if found else problem
 
     def _problem(
-        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], pins: tuple[Pin, ...]
+        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
     ) -> Problem:
         return Problem(
             model=resolved(function.model, tables.parameters),
@@ -95,8 +107,10 @@ class _Assembling:
             criteria=criteria,
             free=tables.patterns,
             smoothness=tables.smoothness,
-            pins=pins,
+            pins=constraints.pins,
             channels=dict(self.file.channels),
+            constraints=constraints.linear,
+            limits=constraints.limits,
         )
 
     @property
@@ -139,6 +153,9 @@ class _Assembling:
             for entry in file.criteria
             if entry.target.kind in ("channel", "name")
         }
+        if function is not None:
+            limits = [Limit(entry.node, entry.lower, entry.upper, entry.where) for entry in file.limits]
+            targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
         optional = {**targets, **{name: why for name, why in quantiles.items() if name not in nodes}}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
@@ -197,29 +214,10 @@ class _Assembling:
         if not tables.free and function.graph.parameters:
             self._report("[calibration] free", "no parameter that the function uses is free", 'Write free = ["*"].')
 
-    def _pins(self, tables: Tables) -> tuple[Pin, ...]:
-        made = []
-        for name, entry in self.file.parameters.items():
-            table = tables.parameters[name]
-            for number, pin in enumerate(entry.pins, 1):
-                part = f"[parameters.{name}] pin {number}"
-                if len(pin.at) != len(table.index_axes):
-                    what = f"{list(pin.at)} has {_coordinates(len(pin.at))}, {name} has {len(table.index_axes)} axes"
-                    self._report(part, what, "Write at = [...], one an axis.")
-                    continue
-                if name not in tables.free and self.function is not None and name in self.function.graph.parameters:
-                    self._report(part, f"{name} is not free", "Free it, or remove the pin.")
-                self._check_beyond(part, pin.at, table)
-                if name in tables.free:
-                    made.append(Pin(name, pin.at, pin.value))
-        return tuple(made)
-
-    def _check_beyond(self, part: str, at: tuple[float, ...], table: Parameter) -> None:
-        for x, axis in zip(at, table.index_axes, strict=True):
-            first, last = axis.breakpoints[0], axis.breakpoints[-1]
-            if not first <= x <= last:
-                what = f"{x:g} lies beyond the axis, {first:g} to {last:g}"
-                self._report(part, what, "The pin holds where the lookup ends up.", warning=True)
+    def _check_limits(self, problem: Problem) -> None:
+        """Limits of outputs that cannot be read."""
+        if problem.limits:
+            self.findings += [replace(f, place=self.file.place(f"[[{f.place}]]")) for f in check_limits(problem)]
 
     def _check_samples(self, problem: Problem) -> None:
         """Datasets and criteria that no sample reaches."""

@@ -1,7 +1,7 @@
 """What a project file says, as frozen values; how it is written is known in `sections.py` alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +16,8 @@ __all__ = [
     "CalibrationEntry",
     "CriterionEntry",
     "DatasetEntry",
+    "EqualityEntry",
+    "LimitEntry",
     "Lock",
     "ModelEntry",
     "OptimizerEntry",
@@ -25,6 +27,7 @@ __all__ = [
     "Range",
     "StepEntry",
     "TargetEntry",
+    "TermEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
@@ -94,6 +97,8 @@ class ParameterEntry:
     smoothness: float | Mapping[str, float] | None = None
     lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
+    gradient: Range = field(default_factory=dict)
+    curvature: Range = field(default_factory=dict)
     extrapolation: Extrapolation | None = None
 
 
@@ -117,6 +122,35 @@ class CriterionEntry:
     loss: Literal["square", "huber", "soft_l1"] = "square"
     delta: float = 1.0
     scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class LimitEntry:
+    """One `[[limit]]`."""
+
+    place: str
+    node: str
+    lower: float
+    upper: float
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class TermEntry:
+    """One term of an `[[equality]]`; without coordinates the sum of all values."""
+
+    parameter: str
+    at: tuple[float, ...] | None
+    factor: float
+
+
+@dataclass(frozen=True)
+class EqualityEntry:
+    """One `[[equality]]`."""
+
+    place: str
+    terms: tuple[TermEntry, ...]
+    value: float
 
 
 @dataclass(frozen=True)
@@ -172,6 +206,8 @@ class ProjectFile:
     parameters: Mapping[str, ParameterEntry]
     criteria: tuple[CriterionEntry, ...]
     optimizer: OptimizerEntry
+    limits: tuple[LimitEntry, ...] = ()
+    equalities: tuple[EqualityEntry, ...] = ()
     steps: tuple[StepEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     CalibrationEntry,
     CriterionEntry,
@@ -41,11 +42,11 @@ def read_project(path: Path) -> ProjectFile:
         parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
         criteria=_criteria(root),
         optimizer=_optimizer(root),
+        limits=tuple(limit_entry(section) for section in root.sections("limit")),
+        equalities=tuple(equality_entry(section) for section in root.sections("equality")),
         steps=steps(root),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
-    if root.get("limit") not in (None, []):
-        root.report("[[limit]]", f"[[limit]] {NEXT}", "Remove it.")
     _end(root)
     if any(finding.severity == "error" for finding in findings):
         raise InputError(findings)
@@ -55,10 +56,11 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
+    more = ("limit", "equality", "optimizer", "step")
     for key, value in root.values.items():
-        if key not in (*known, "optimizer", "limit", "step"):
+        if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
-            mend = nearest(key, [*known, "optimizer", "limit", "step"])
+            mend = nearest(key, [*known, *more])
             root.report(f"[{key}]" if what == "section" else key, f"is no {what} that a project file knows", mend)
 
 

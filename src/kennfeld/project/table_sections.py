@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.project.limit_sections import shape_ranges
 from kennfeld.project.schema import DIRECTIONS, AxisEntry, Lock, ParameterEntry, PinEntry, Range
 from kennfeld.project.section import NEXT, Section, array
 
@@ -16,7 +17,6 @@ _WAYS = "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
 
 def parameter_entry(name: str, section: Section) -> ParameterEntry:
     """One `[parameters.NAME]`."""
-    section.later("gradient")
     extrapolation = section.choice("extrapolation", "clip", ("clip", "linear"))
     entry = ParameterEntry(
         place=section.place,
@@ -30,6 +30,8 @@ def parameter_entry(name: str, section: Section) -> ParameterEntry:
         smoothness=_smoothness(section),
         lock=read_lock(section, "lock"),
         pins=_pins(section),
+        gradient=shape_ranges(section, "gradient"),
+        curvature=shape_ranges(section, "curvature"),
         extrapolation=None
         if "extrapolation" not in section.values
         else "linear"
