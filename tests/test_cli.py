@@ -328,6 +328,8 @@ class TestSeveralStarts:
         assert cli.run(["calibrate", str(project), "--workers", "2"]) == 0
         out, err = capsys.readouterr()
         assert "Best of 3 starts" in out
+        at = out.splitlines().index("start  status     cost before  cost after  iterations  distance")
+        assert [line.split()[0] for line in out.splitlines()[at + 1 : at + 4]] == ["1", "2", "3"]
         assert {line[:8] for line in err.splitlines()} == {"start  1", "start  2", "start  3"}
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
         assert [row["start"] for row in found["starts"]] == [1, 2, 3]

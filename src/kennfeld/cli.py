@@ -162,7 +162,10 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
-    say(*aligned(result.table()), "", f"{result.status}: {result.message}")
+    say(*aligned(result.table()), "")
+    if len(result.starts) > 1:
+        say(*aligned(result.starts_table()), "")
+    say(f"{result.status}: {result.message}")
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:

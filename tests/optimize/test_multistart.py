@@ -264,3 +264,23 @@ def test_starts_keep_pins_and_locks_exactly():
     assert values[2] == 1.0
     assert np.interp(0.5, points, values) == pytest.approx(1.25, rel=1e-9)
     assert all(row.status == "converged" for row in result.starts)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_ctrl_c_before_the_first_step_leaves_nothing_to_keep(processes, monkeypatch):
+    from kennfeld.optimize.sequence import Climber
+    from kennfeld.optimize.workers import _Pool
+
+    def press(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Climber, "run", press)
+    monkeypatch.setattr(_Pool, "_hear", press)
+    with pytest.raises(KeyboardInterrupt):
+        sine(starts=3, workers=processes)
+
+
+def test_a_table_of_the_starts_can_be_shown():
+    head, *rows = sine(starts=3).starts_table()
+    assert head[:2] == ("start", "status")
+    assert [row[0] for row in rows] == ["1", "2", "3"]

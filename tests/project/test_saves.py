@@ -63,7 +63,7 @@ def after(count):
 
 
 def names(tmp_path):
-    return sorted(path.name for path in (tmp_path / "results" / "saves").iterdir())
+    return sorted(path.name for path in (tmp_path / "results" / "saves").iterdir() if path.is_file())
 
 
 def test_every_nth_accepted_set_is_kept_and_the_end(make, tmp_path):
@@ -187,12 +187,30 @@ def test_a_half_written_state_is_left_out(make, tmp_path, content):
     assert project.calibrate(resume=True).resumed == ("saves/1-000002.json",)
 
 
-def test_a_new_search_removes_the_states_of_the_one_before_and_nothing_else(make, tmp_path):
+def test_a_new_search_puts_the_states_of_the_one_before_aside_and_nothing_else(make, tmp_path):
     make(SAVING).calibrate()
+    before = names(tmp_path)
     mine = tmp_path / "results" / "saves" / "notes.json"
     mine.write_text("{}", encoding="utf-8")
     make(SAVING).calibrate(after(3))
     assert names(tmp_path) == ["1-000002.json", "notes.json"]
+    aside = tmp_path / "results" / "saves" / "before"
+    assert sorted(path.name for path in aside.iterdir()) == before
+    make(SAVING).calibrate(after(1))
+    assert names(tmp_path) == ["1-000002.json", "notes.json"]
+    make(SAVING).calibrate(after(3))
+    assert [path.name for path in aside.iterdir()] == ["1-000002.json"]
+
+
+def test_what_cannot_change_is_not_saved(make, tmp_path):
+    make(SAVING, "[calibration]\nfree = ['a', 'b']").calibrate()
+    assert set(read_parameters(tmp_path / "results" / "saves" / "1-end.json")) == {"a", "b"}
+
+
+def test_a_step_added_to_a_finished_sequence_is_gone_through(make):
+    make("[[step]]\nfree = ['a']", SAVING).calibrate()
+    result = make("[[step]]\nfree = ['a']\n[[step]]\nname = 'more'\nfree = ['a', 'b']", SAVING).calibrate(resume=True)
+    assert {line.stage.split(":")[0] for line in result.trace} == {"more"}
 
 
 def test_a_sequence_goes_on_in_the_step_that_it_was_in(make, tmp_path):

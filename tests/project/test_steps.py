@@ -82,7 +82,7 @@ def test_locks_are_ranges_of_axis_values_or_what_no_data_touch(shop):
         ("grid_reduction = { Gain = { y = 2 } }", "grid_reduction Gain: Gain has no axis y. It has x."),
         ("smoothness = -1", "[[step]] 1 smoothness: -1 must be a number from 0 on"),
         ("smoothness = { Table = { q = 1 } }", "smoothness Table q: is no key that a project file knows"),
-        ("free = ['Gian']", "[[step]] 1 free: Gian matches no parameter. Did you mean Gain?"),
+        ("free = ['Gian']", "[[step]] 1 free: Gian matches no parameter that the function uses. Did you mean Gain?"),
         ("free = []", "[[step]] 1 free: no parameter that the function uses is free"),
         ("lock = 'no-data'", "[[step]] 1 lock: 'no-data' is no table. Write lock = { ... }."),
         ("lock = { Gain = 3 }", "[[step]] 1 lock Gain: 3 is no lock"),

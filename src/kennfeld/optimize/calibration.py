@@ -52,7 +52,7 @@ class Options:
     def __post_init__(self) -> None:
         for name, least in (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0)):
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int) and value >= least):
+            if value is not None and not (isinstance(value, int | np.integer) and value >= least):
                 raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
         if not 0 < self.spread < float("inf"):
             raise ArgumentError(f"spread={self.spread!r} must be a number above 0")

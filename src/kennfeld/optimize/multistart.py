@@ -103,6 +103,8 @@ class _Multistart:
         left = [begin for begin in begins if begin.start not in self.climbs]
         self.alone = self.workers > 1 and len(left) > 1
         self.climbs |= {c.row.start: c for c in _climb_in_turn(climber, left, self._report, self._save)}
+        if not self.trace and all(climb.row.status == "stopped" for climb in self.climbs.values()):
+            raise KeyboardInterrupt  # there is nothing to keep yet
         best = self._best()
         packed = ready.exact.values.pack(holding(self.whole.parameters, best.values))[: start.size]
         held, _ = project(packed, limits)
@@ -119,11 +121,12 @@ class _Multistart:
                 continue
             values = self._saved_values(saved, drawn)
             self.went_on.append(saved.name or f"start {number}, iteration {saved.iteration}")
-            row = saved.ended
-            if row is not None and row.status == "converged" and _same(climber.cost(values), row.cost_after):
+            row, last = saved.ended, len(climber.steps)
+            done = row is not None and row.status == "converged" and _same(climber.cost(values), row.cost_after)
+            if row is not None and done and saved.step >= last:
                 self.climbs[number] = Climb(row, values)
             else:
-                yield Begin(number, values, drawn, min(saved.step, len(climber.steps)), saved.iteration)
+                yield Begin(number, values, drawn, min(saved.step + done, last), saved.iteration)
 
     def _saved_values(self, saved: Saved, drawn: Mapping[str, Float]) -> dict[str, Float]:
         """The values to go on from; locked ones are those of the problem."""

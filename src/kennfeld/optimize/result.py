@@ -140,6 +140,18 @@ class Result:
         ]
         return [head, *rows]
 
+    def starts_table(self) -> list[tuple[str, ...]]:
+        """The starts as rows of text, the heading first."""
+        head = ("start", "status", "cost before", "cost after", "iterations", "distance")
+        rows = [
+            (
+                *(str(row.start), row.status, f"{row.cost_before:.6g}", f"{row.cost_after:.6g}"),
+                *(str(row.iterations), f"{row.distance:.3g}"),
+            )
+            for row in self.starts
+        ]
+        return [head, *rows]
+
     def __str__(self) -> str:
         table = self.table()
         widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]

@@ -204,7 +204,7 @@ class _Checking:
 
     def findings(self) -> list[Finding]:
         step, used = self.step, self.problem.model.graph.parameters
-        self._patterns("free", step.free or (), used)
+        self._patterns("free", step.free or (), used, " that the function uses")
         self._patterns("lock", step.lock, self.problem.parameters)
         for key in ("smoothness", "grid_reduction"):
             given = getattr(step, key)
@@ -220,10 +220,10 @@ class _Checking:
     def _report(self, key: str, what: str, mend: str = "") -> None:
         self.found.append(Finding(f"{self.place} {key}".strip(), what, mend))
 
-    def _patterns(self, key: str, patterns: Iterable[str], names: Collection[str]) -> None:
+    def _patterns(self, key: str, patterns: Iterable[str], names: Collection[str], which: str = "") -> None:
         for pattern in patterns:
             if not any(name == pattern or fnmatchcase(name, pattern) for name in names):
-                self._report(key, f"{pattern} matches no parameter", nearest(pattern, names))
+                self._report(key, f"{pattern} matches no parameter{which}", nearest(pattern, names))
 
     def _an_axis_each(self, key: str, given: Mapping[str, object]) -> None:
         for name, parameter in self.problem.parameters.items():

@@ -41,6 +41,8 @@ def climb_in_parallel(
     `progress` and `keep` are called in this thread; what they raise ends all starts, `Stop` at their best values. A
     start whose worker dies has failed.
     """
+    if getattr(sys, "frozen", False):  # the program is no interpreter
+        return []
     try:
         work = pickled((replace(problem), options))  # a copy is without what was computed from it
     except (pickle.PicklingError, TypeError, AttributeError):

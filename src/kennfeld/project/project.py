@@ -119,7 +119,7 @@ class Project:
         saves = self.saves(folder)
         found = saves.found() if resume else Found()
         if not resume:
-            saves.clear()
+            saves.begin()
         result = run(
             problem,
             options,

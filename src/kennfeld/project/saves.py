@@ -23,7 +23,7 @@ from kennfeld.parameters import ParameterSet, Text
 
 __all__ = ["Found", "Saves"]
 
-FOLDER, NOTE = "saves", "kennfeld_save"
+FOLDER, ASIDE, NOTE = "saves", "before", "kennfeld_save"
 _NAME = re.compile(r"\d+-(\d+|end)\.json")
 
 
@@ -42,6 +42,7 @@ class Saves:
         self.folder, self.project = results / FOLDER, project
         self.mark = hashlib.sha256(project.read_bytes()).hexdigest()
         self.missed: Finding | None = None  # the first state that could not be written
+        self._fresh = False
 
     def found(self) -> Found:
         """The best state of the last step that each start has reached.
@@ -69,24 +70,35 @@ class Saves:
             findings.append(Finding(self.project.name, what, severity="warning"))
         return Found(_latest(saved), tuple(findings))
 
-    def clear(self) -> None:
-        """Remove the states of an earlier run."""
-        for path in self.folder.glob("*.json") if self.folder.is_dir() else ():
-            if _NAME.fullmatch(path.name):
+    def begin(self) -> None:
+        """With the first state that is kept, put those of the run before aside, for whoever forgot to resume it."""
+        self._fresh = True
+
+    def _put_aside(self) -> None:
+        aside = self.folder / ASIDE
+        old = [path for path in self.folder.glob("*.json") if _NAME.fullmatch(path.name)]
+        if old:
+            for path in aside.glob("*.json") if aside.is_dir() else ():
                 path.unlink(missing_ok=True)
+            aside.mkdir(exist_ok=True)
+        for path in old:
+            path.replace(aside / path.name)
+        self._fresh = False
 
     def keep(self, saved: Saved, parameters: ParameterSet) -> None:
-        """Write a state, whole or not at all, and down to the disk. `parameters` are the project's.
+        """Write what may change of a state, whole or not at all, down to the disk. `parameters` are the project's.
 
         A state that cannot be written does not end the search; `missed` says so.
         """
         values = [parameters[name].with_values(found) for name, found in saved.values.items()]
         note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark}))
-        content = parameters.with_parameters(*values).merged(ParameterSet(texts=[note]))
+        content = ParameterSet(values, texts=[note])
         last = "end" if saved.ended else f"{saved.iteration:06d}"
         target = self.folder / f"{saved.start}-{last}.json"
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            if self._fresh:
+                self._put_aside()
             _write(target, write_json(content, target.name))
             if not saved.ended:
                 self._go_on(saved.start)
