@@ -55,7 +55,6 @@ class Climber:
         self.problem = whole(problem, options.steps)
         self.options = options
         self.steps = options.steps or (Step(),)
-        self._problem = problem
         self._variants = {i: stepped(problem, step) for i, step in enumerate(options.steps, 1)} or {1: problem}
         self._runs: dict[int, Run] = {}
         self._whole: Compiled | None = None
