@@ -19,6 +19,7 @@ from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.trust.inspection import Inspection
 
 __all__ = ["Options", "Progress", "run"]
 
@@ -79,12 +80,12 @@ class _Run:
         full = self.exact.start.copy()
         full[: end.values.size] = end.values
         parameters = self.exact.values.unpack(full, self.problem.parameters)
-        trust = self._informed(end)
+        informed = self._informed(end)
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
             message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
+                part for part in (end.message, remark if start is not None else "", _unseen(informed)) if part
             ),
             parameters=parameters,
             start=self.problem.parameters,
@@ -97,7 +98,7 @@ class _Run:
             free_values=int(limits.movable.sum()),
             fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
-            trust=trust,
+            inspection=Inspection(self.problem, end.values, informed, self.exact, self.scorer) if informed else None,
         )
 
     def _descend(self, start: Float, limits: Limits) -> Descent:
@@ -193,9 +194,9 @@ def _require(problem: Problem) -> None:
         raise InputError(findings)
 
 
-def _unseen(trust: Mapping[str, Bool]) -> str:
+def _unseen(informed: Mapping[str, Bool]) -> str:
     """A sentence on values that nothing informs."""
-    counts = {name: int((~seen).sum()) for name, seen in trust.items() if not seen.all()}
+    counts = {name: int((~seen).sum()) for name, seen in informed.items() if not seen.all()}
     if not counts:
         return ""
     listed = ", ".join(f"{count} of {name}" for name, count in counts.items())

@@ -1,15 +1,17 @@
 """What a calibration gives back."""
 
 import html
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool
 from kennfeld.optimize.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
+
+if TYPE_CHECKING:
+    from kennfeld.optimize.trust import Inspection, Trust
 
 __all__ = ["Quality", "Result", "Seconds", "TraceLine"]
 
@@ -55,10 +57,7 @@ class Seconds:
 
 @dataclass(frozen=True)
 class Result:
-    """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
-
-    `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
-    """
+    """The end of a calibration. A fit that fails is a result too: `status` and `message` say why."""
 
     status: Status
     message: str
@@ -73,7 +72,14 @@ class Result:
     free_values: int
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
-    trust: Mapping[str, Bool] = field(default_factory=dict)
+    inspection: "Inspection | None" = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def trust(self) -> "Trust":
+        """What the data determine of the free values; computed when it is first asked for."""
+        from kennfeld.optimize.trust import Trust
+
+        return Trust() if self.inspection is None else self.inspection.trust()
 
     @property
     def converged(self) -> bool:
