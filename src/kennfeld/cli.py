@@ -139,6 +139,7 @@ def calibrate(
 
 def _calibrate(project: "Project", folder: Path) -> int:
     from kennfeld.project.results import require_room, write
+    from kennfeld.terminal.findings import left_open
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
@@ -155,6 +156,7 @@ def _calibrate(project: "Project", folder: Path) -> int:
         return INTERRUPTED
     say(*aligned(result.table()), "", f"{result.status}: {result.message}")
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
+    say(*left_open(result.trust))
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:
         return INTERRUPTED

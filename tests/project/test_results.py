@@ -10,7 +10,7 @@ import pytest
 from kennfeld import Dataset, InputError, calibrate, read, read_parameters
 from kennfeld.project.results import require_room, write, write_simulation
 
-FILES = ["parameters.json", "parameters.dcm", "trace.csv", "simulation.parquet", "result.json"]
+FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
 
 
 class Line:
@@ -43,7 +43,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     write(result, Line(), tmp_path)
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
-        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
+        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality", "trust"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}

@@ -110,10 +110,10 @@ class Workspace:
     def touched(self, chunk: Chunk, *, scored: bool) -> Int:
         """For each column, the samples of the tape with an entry in it; with `scored`, of those that have a weight."""
         length, columns = chunk.length, self.kernel.values.free
-        used = np.arange(self.index.shape[1]) < self.count[:length, None]
-        used &= (self.slope[:length] != 0).any(axis=2)
+        used = (self.slope[:length] != 0).any(axis=2)
+        used &= np.arange(self.index.shape[1]) < self.count[:length, None]
         if scored:
-            used &= (self.weight[:length] > 0).any(axis=1)[:, None]
+            used &= (self.weight[:length] > 0).any(axis=1, keepdims=True)
         met = np.sort(np.where(used, self.index[:length], columns), axis=1)
         met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
         return np.bincount(met.ravel(), minlength=columns + 1)[:columns]

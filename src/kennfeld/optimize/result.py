@@ -97,6 +97,7 @@ class Result:
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
+            "trust": self.trust.as_json(),
         }
 
     def table(self) -> list[tuple[str, ...]]:

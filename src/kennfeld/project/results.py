@@ -18,6 +18,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
+from kennfeld.project.trust_table import write_trust
 
 __all__ = ["Simulated", "require_room", "write", "write_simulation"]
 
@@ -46,6 +47,7 @@ def write(result: Result, project: Simulated, folder: str | Path) -> tuple[Path,
         for ending in dict.fromkeys((".json", *project.formats)):
             write_parameters(result.parameters, scratch / f"parameters{ending}")
         _write_trace(result.trace, scratch / "trace.csv")
+        write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
         _write_json(result.as_json(), scratch / "result.json")
         names = [

@@ -95,12 +95,11 @@ class Estimate:
 
     def deviation(self, *, error: bool) -> Float:
         """Standard deviation of all values, of their error or else of their scatter; inf where undetermined."""
+        inverse = self.spectrum.inverse
         found = np.zeros(self.reduction.size)
-        found[self.reduction.independent[self.seen]] = self._variances(error=error)
-        if self.reduction.dependent.size:
-            covariance = self.error if error else self.scatter
-            known = self.reduction.follow[:, self.seen]
-            found[self.reduction.dependent] = np.einsum("ij,ij->i", known @ covariance, known)
+        found[self.reduction.independent[self.seen]] = self._variances(inverse, error=error)
+        following = self.reduction.follow[:, self.seen] @ inverse
+        found[self.reduction.dependent] = self._variances(following, error=error)
         found[self.undetermined] = np.inf
         deviation: Float = np.sqrt(np.maximum(found, 0.0))
         return deviation
@@ -113,10 +112,16 @@ class Estimate:
         found: Float = self.reduction.expand(self.reduction.expand(independent).T)
         return found
 
-    def _variances(self, *, error: bool) -> Float:
-        inverse = self.spectrum.inverse
+    def covariance_of(self, functions: Float) -> Float:
+        """Covariance of the errors of linear functions, given as rows over the values the matrices are over."""
+        rows = functions @ self.spectrum.inverse
+        found: Float = rows @ (self.noisy + self.dispersion * self.smoothness) @ rows.T
+        return found
+
+    def _variances(self, rows: Float, *, error: bool) -> Float:
+        """The variance of r g for each row r, where g is the gradient of noise, or of noise and smoothness."""
         noisy = self.noisy + self.dispersion * self.smoothness if error else self.noisy
-        found: Float = np.einsum("ij,ij->i", inverse @ noisy, inverse)
+        found: Float = np.einsum("ij,ij->i", rows @ noisy, rows)
         return found
 
     def leverage(self) -> Float:
@@ -136,9 +141,11 @@ class Estimate:
         return found
 
 
-def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence[Group]) -> Estimate:
-    """The estimate at the values where a fit ended."""
+def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence[Group]) -> Estimate | None:
+    """The estimate at the values where a fit ended; None where a derivative of the model is not finite there."""
     measured = _Measured(compiled, values, groups)
+    if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
+        return None
     reduction = Reduction.of(held(limits, values, measured.gradient), active_rows(limits))
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0

@@ -56,6 +56,8 @@ class Inspection:
         fitted = [error for data, error in errors if data.use == "training" and data.weight > 0]
         training = groups(problem.criteria, problem.training, fitted)
         found = estimate(compiled, limits_of(problem, compiled), self.values, training)
+        if found is None:
+            return Trust(informed=self.informed)
         touched = compiled.accumulator.touched(full)
         deviation = found.deviation(error=True)
         split = _Split(problem, compiled)
@@ -80,7 +82,7 @@ class Inspection:
         self, found: Estimate, split: "_Split", parameters: ParameterSet, touched: Int
     ) -> tuple[Direction, ...]:
         """Values that nothing informs, table by table; then the weak directions of the others."""
-        words = Describer(parameters, self.problem.parameters, split(touched))
+        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(touched))
         idle = [words.uninformed(name, ~seen) for name, seen in self.informed.items() if not seen.all()]
         candidates = shapes(self.problem.model.graph, parameters, split(found.reduction.held))
         changes = np.zeros((len(candidates), self.values.size))

@@ -8,6 +8,7 @@ variance is E[psi^2] / E[psi']^2 times that of a unit noise.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def _group(number: int, criterion: Criterion, weight: float, members: Sequence[t
 
 
 def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
-    """psi / r and psi' of each residual."""
+    """Psi / r and psi' of each residual."""
     delta = criterion.delta
     match criterion.loss:
         case "square":
@@ -80,8 +81,7 @@ def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
 
 
 def _pieces(bound: Bound) -> Iterator[tuple[int, int]]:
-    edges = [*bound.starts.tolist(), bound.count]
-    return zip(edges[:-1], edges[1:], strict=True)
+    return pairwise([*bound.starts.tolist(), bound.count])
 
 
 def _mean(lasting: Sequence[tuple[float, int]]) -> float:

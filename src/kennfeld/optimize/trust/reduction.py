@@ -60,7 +60,7 @@ class Reduction:
             used.append(int(row))
             pivots.append(int(column))
         rest = np.setdiff1d(np.arange(moving.size), pivots)
-        return cls(held.size, moving[rest], moving[pivots], -work[np.ix_(used, rest)])
+        return cls(held.size, moving[rest], moving[pivots], -work[used][:, rest])
 
     @property
     def held(self) -> Bool:

@@ -17,14 +17,16 @@ from kennfeld.optimize.trust.shapes import Shape
 __all__ = ["Weak", "weak_directions"]
 
 EXACT = 1e-9  # ratio below which the data do not see a direction at all
-ROUNDING = 1e-13  # ratio below which nothing sees it
+OPEN = 1e-3  # share of a function that undetermined directions change, above rounding
 NEAR = (0.05, 0.05, 1e-3)  # ratio below which a named direction of one, two, three tables is badly determined
+MOVED = 0.2  # the same for a table raised and another one shifted, which are one thing but for the breakpoints
 VAGUE = 1e-3  # the same for one without a name, of which there are many
-NAMELESS = 4  # directions without a name that are worth a word
+NAMELESS = 2  # directions without a name that are worth a word
 SOFT = 0.5  # ratio below which the other values of two tables may adapt to a named direction
 ADAPTED = 4  # mixtures of two tables that are tried so
 ALIKE = 0.7  # share of an adapted direction that must still be the named one
 SIMPLER = 30.0  # times the ratio that a direction of one table less may have
+PLAINER = 4.0  # times the ratio that a direction may have that shifts one table less, or lets one less follow another
 NEW = 0.2  # share of a named direction that those found before must not span
 MOSTLY_NEW = 0.8  # the same for one without a name
 MANY = 48  # shapes from which only two are tried together
@@ -42,7 +44,7 @@ class Weak:
     weight: Float  # Float[values]
     ratio: float  # of data and smoothness together
     seen: float  # of the data alone
-    deviation: float  # how far along the direction the cost rises by its dispersion; inf where it does not rise
+    deviation: float  # standard deviation of how far along it the values are, the worse ones given; inf where open
     amounts: tuple[tuple[Shape, float], ...]
 
     @property
@@ -60,16 +62,12 @@ class _Trial:
     seen: float
     shapes: tuple[int, ...] = ()
     amounts: tuple[float, ...] = ()
-
-    @property
-    def score(self) -> float:
-        """Least for the direction that says most with fewest tables."""
-        return max(self.seen, 1e-3 * EXACT) * SIMPLER ** len(self.amounts)
+    score: float = 0.0  # least for the direction that says most with fewest words
 
 
 def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float, most: int) -> list[Weak]:
     """At most so many directions, worst first; `changes` are the shapes as rows over all values."""
-    search = _Search(estimate, [shape.table for shape in shapes], estimate.narrow(changes))
+    search = _Search(estimate, shapes, estimate.narrow(changes))
     found: list[_Trial] = []
     for trial in sorted(search.named(), key=lambda trial: trial.score):
         if len(found) < most and search.news(found, trial.change) > NEW:
@@ -78,33 +76,36 @@ def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float,
     for trial in search.others(estimate.spectrum.directions):
         if len(found) < most and search.news(found, trial.change) > MOSTLY_NEW:
             found.append(trial)
+    found.sort(key=lambda trial: trial.ratio)
     return [
         Weak(
             change=estimate.expand(trial.change),
             weight=np.abs(estimate.expand(trial.change * search.root)),
             ratio=trial.ratio,
             seen=trial.seen,
-            deviation=search.deviation(trial),
+            deviation=deviation,
             amounts=tuple((shapes[i], amount) for i, amount in zip(trial.shapes, trial.amounts, strict=True)),
         )
-        for trial in sorted(found, key=lambda trial: trial.ratio)
+        for trial, deviation in zip(found, search.deviations(found), strict=True)
     ]
 
 
 class _Search:
     """Ratios of directions, and the shapes among which to look."""
 
-    def __init__(self, estimate: Estimate, tables: Sequence[str], rows: Float) -> None:
+    def __init__(self, estimate: Estimate, shapes: Sequence[Shape], rows: Float) -> None:
         self.data, self.total = estimate.data, estimate.data + estimate.smoothness
         self.diagonal = np.maximum(np.diag(self.data), EXACT * np.diag(self.total))
         self.root = np.sqrt(self.diagonal)
-        self.dispersion = estimate.dispersion
+        self.covariance = estimate.covariance_of
+        self.null, self.scale = estimate.spectrum.null, estimate.spectrum.scale
         length = np.sqrt(np.einsum("ij,j,ij->i", rows, self.diagonal, rows))
-        self.numbers = np.flatnonzero(length > 0)
+        self.numbers: list[int] = np.flatnonzero(length > 0).tolist()
         self.length = length[self.numbers]
         self.rows = rows[self.numbers] / self.length[:, None]
-        self.tables = [tables[i] for i in self.numbers]
-        self.gram = self.rows @ self.data @ self.rows.T
+        self.tables = [shapes[i].table for i in self.numbers]
+        self.kinds = [shapes[i].kind for i in self.numbers]
+        self.gram, self.whole_gram = (self.rows @ matrix @ self.rows.T for matrix in (self.data, self.total))
 
     def news(self, known: Sequence[_Trial], change: Float) -> float:
         """The share of a direction that known ones do not span."""
@@ -115,15 +116,44 @@ class _Search:
         rest = scaled - basis @ (basis.T @ scaled)
         return float(rest @ rest / (scaled @ scaled))
 
-    def deviation(self, trial: _Trial) -> float:
-        """How far along a direction the cost rises by its dispersion."""
-        if trial.ratio <= ROUNDING:
-            return float("inf")
-        return float(np.sqrt(self.dispersion / (trial.change @ self.total @ trial.change)))
+    def deviations(self, trials: Sequence[_Trial]) -> list[float]:
+        """Standard deviations of how far along each direction the values are, those before it given.
+
+        How far that is, v'D p / v'D v, is a linear function of the values; what the functions before it tell of its
+        variance is taken off by the Cholesky factor of their covariance.
+        """
+        if not trials:
+            return []
+        functions = np.stack([trial.change * self.diagonal for trial in trials])
+        functions /= np.einsum("ij,ij->i", functions, [trial.change for trial in trials])[:, None]
+        open_ones = self._settle(functions)
+        covariance = self.covariance(functions)
+        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        scaled = covariance / np.outer(size, size) + 1e-10 * np.eye(len(trials))
+        if not np.isfinite(scaled).all():
+            return [float("nan")] * len(trials)
+        given: Float = np.where(open_ones, np.inf, np.diag(np.linalg.cholesky(scaled)) * size)
+        return [float(deviation) for deviation in given]
+
+    def _settle(self, functions: Float) -> Bool:
+        """Which functions are not determined at all; they are taken off those that follow, so that these are, in place.
+
+        The functions that are not become 0.
+        """
+        basis = self.null / self.scale[:, None]
+        found = np.zeros(len(functions), dtype=bool)
+        for i, function in enumerate(functions):
+            moved = function @ basis
+            if moved.size and np.abs(moved).max() > OPEN * np.linalg.norm(function / self.scale):
+                found[i] = True
+                at = int(np.abs(moved).argmax())
+                functions[i + 1 :] -= np.outer(functions[i + 1 :] @ basis[:, at] / moved[at], function)
+                functions[i] = 0.0
+        return found
 
     def others(self, directions: Float) -> Iterator[_Trial]:
         """Weak directions without a name."""
-        trials = (self._trial(change) for change in directions)
+        trials = (self._measured(change) for change in directions)
         return (trial for trial in trials if trial.ratio < VAGUE)
 
     def named(self) -> Iterator[_Trial]:
@@ -131,20 +161,35 @@ class _Search:
         for count in range(1, (len(NEAR) if len(self.tables) <= MANY else 2) + 1):
             nearly: dict[tuple[str, ...], list[_Trial]] = {}
             for group, weights in self._soft(count):
-                trial = self._trial(weights @ self.rows[group], group, weights)
-                if trial.seen <= EXACT or trial.ratio < NEAR[count - 1]:
+                trial = self._mixed(group, weights)
+                if trial.seen <= EXACT or trial.ratio < self._near(group):
                     yield trial
                 elif count == 2:
                     nearly.setdefault(tuple(self.tables[i] for i in group), []).append(trial)
             for names, trials in nearly.items():
                 yield from self._adapted(names, trials)
 
-    def _trial(self, change: Float, group: Sequence[int] | Int = (), weights: Sequence[float] | Float = ()) -> _Trial:
+    def _mixed(self, group: Int, weights: Float) -> _Trial:
+        """A mixture of shapes as they are."""
+        part = np.ix_(group, group)
+        both, data = (float(weights @ gram[part] @ weights) for gram in (self.whole_gram, self.gram))
+        return self._trial(weights @ self.rows[group], both, data, group, weights)
+
+    def _measured(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _Trial:
+        """Any change, perhaps one that began as a mixture of shapes."""
         alone = float(change @ (self.diagonal * change))
-        both, data = (float(change @ matrix @ change) for matrix in (self.total, self.data))
-        shapes = tuple(int(self.numbers[i]) for i in group)
+        both, data = (float(change @ matrix @ change) / alone for matrix in (self.total, self.data))
+        return self._trial(change, both, data, group, np.zeros(0) if weights is None else weights)
+
+    def _trial(self, change: Float, ratio: float, seen: float, group: Sequence[int] | Int, weights: Float) -> _Trial:
+        shapes = tuple(self.numbers[i] for i in group)
         amounts = tuple(float(weight / self.length[i]) for i, weight in zip(group, weights, strict=True))
-        return _Trial(change, max(both, 0.0) / alone, max(data, 0.0) / alone, shapes, amounts)
+        words = SIMPLER ** len(shapes) * PLAINER ** sum(self.kinds[i] in ("follow", "shift") for i in group)
+        return _Trial(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, max(seen, 1e-3 * EXACT) * words)
+
+    def _near(self, group: Sequence[int] | Int) -> float:
+        """The ratio below which a mixture of shapes is worth naming."""
+        return MOVED if sorted(self.kinds[i] for i in group) == ["offset", "shift"] else NEAR[len(group) - 1]
 
     def _soft(self, count: int) -> Iterator[tuple[Int, Float]]:
         """For each group of shapes the mixture that the data see least, where they see little of it.
@@ -159,23 +204,24 @@ class _Search:
             yield groups[k], vectors[k][:, 0]
 
     def _adapted(self, names: Sequence[str], trials: Sequence[_Trial]) -> Iterator[_Trial]:
-        """The mixtures that are weak once the other values of these tables have adapted."""
+        """The mixtures that are weak once the other values of these tables have adapted.
+
+        That is the change w that minimises w'Hw among those with the same amount w'D s of each shape s of the mixture.
+        """
+        best = sorted(trials, key=lambda trial: trial.score)[:ADAPTED]
+        groups = [np.searchsorted(self.numbers, trial.shapes) for trial in best]
+        used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
         inner = self.total[np.ix_(where, where)]
         inner = inner + 1e-12 * np.diag(np.diag(inner))
-        for trial in sorted(trials, key=lambda trial: trial.seen)[:ADAPTED]:
-            group = [int(np.searchsorted(self.numbers, i)) for i in trial.shapes]
-            weights = np.array(trial.amounts) * self.length[group]
-            change = self._cheapest(where, inner, group, weights)
-            found = self._trial(change, group, weights)
-            alone = float(change @ (self.diagonal * change))
-            if found.ratio < NEAR[1] and float(weights @ weights) > ALIKE * alone:
-                yield found
-
-    def _cheapest(self, where: Bool, inner: Float, group: Sequence[int], weights: Float) -> Float:
-        """The change w of some values that minimises w'Hw, given its amount w'D s of each shape s of a group."""
-        parts = (self.rows[group] * self.diagonal)[:, where]
+        parts = (self.rows[used] * self.diagonal)[:, where]
         reach = np.linalg.solve(inner, parts.T)
-        change = np.zeros(where.size)
-        change[where] = reach @ np.linalg.solve(parts @ reach, weights)
-        return change
+        for trial, group in zip(best, groups, strict=True):
+            at = np.searchsorted(used, group)
+            weights = np.array(trial.amounts) * self.length[group]
+            change = np.zeros(where.size)
+            change[where] = reach[:, at] @ np.linalg.solve(parts[at] @ reach[:, at], weights)
+            found = self._measured(change, group, weights)
+            alike = float(weights @ weights) / float(change @ (self.diagonal * change))
+            if found.ratio < self._near(group) and alike > ALIKE:
+                yield found

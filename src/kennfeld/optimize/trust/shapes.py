@@ -64,7 +64,7 @@ def _own(table: Parameter, held: Bool) -> list[Shape]:
     if not found or float(np.ptp(values)) > FLAT * largest:
         found.append(Shape("offset", table.name, np.ones(values.shape)))
     about = values[held]
-    if about.size and 0 < float(np.ptp(about)) + abs(float(about[0])) and float(np.ptp(about)) <= FLAT * largest:
+    if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
         found.append(Shape("stretch", table.name, values - about[0], about=float(about[0])))
     for i, axis in enumerate(table.index_axes):
         if len(axis) > 1:

@@ -9,10 +9,10 @@ from kennfeld.arrays import Bool, Float
 __all__ = ["Spectrum", "root"]
 
 NOTHING = 1e-12  # share of the largest eigenvalue, or singular value, that is rounding
-SOUND = 1e10  # largest variance, in units of that of a value alone, with which an inverse is taken without a closer look
+SOUND = 1e10  # largest variance of a value, in units of that it has alone, up to which an inverse is taken as it is
 PART = 1e-8  # share of a value in undetermined directions, squared, that is not rounding
-WEAKEST = 32  # how many directions are looked at
-ROUNDS = 12  # of subspace iteration: what is ten times weaker than the rest is then exact
+WEAKEST = 20  # how many directions are looked at
+ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,8 @@ def _local(basis: Float) -> Float:
         found[others] -= np.outer(found[others, column], found[row])
         left[row] = False
     found[np.abs(found) < PART] = 0.0
-    return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+    found /= np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+    return found
 
 
 def root(matrix: Float) -> Float:

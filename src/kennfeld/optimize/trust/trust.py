@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class Trust:
         return found
 
     def correlation(self, names: Sequence[str] | None = None, *, scatter: bool = False) -> Float:
-        """Correlations between values, in the order of `covariance`; NaN beside values that are held or undetermined."""
+        """Correlations between values, in the order of `covariance`; NaN beside values held or undetermined."""
         covariance = self.covariance(names, scatter=scatter)
         deviation = np.sqrt(np.diag(covariance))
         usable = np.isfinite(deviation) & (deviation > 0)
@@ -87,6 +88,25 @@ class Trust:
         found: Float = np.clip(covariance / np.outer(units, units), -1.0, 1.0)
         np.fill_diagonal(found, 1.0)
         return found
+
+    def as_json(self) -> dict[str, Any]:
+        """What `result.json` tells of it; numbers that are not finite are None."""
+        return {
+            "noise": {name: _finite(value) for name, value in self.noise.items()},
+            "freedom": _finite(self.freedom),
+            "undetermined": sum(int(np.isinf(values).sum()) for values in self.deviation.values()),
+            "by_smoothness": sum(int(flags.sum()) for flags in self.by_smoothness.values()),
+            "directions": [
+                {
+                    "sentence": direction.sentence,
+                    "remedy": direction.remedy,
+                    "exact": direction.exact,
+                    "ratio": _finite(direction.ratio),
+                    "parameters": list(direction.parts),
+                }
+                for direction in self.directions
+            ],
+        }
 
     def _columns(self) -> dict[str, Int]:
         return {name: at + np.arange(self.deviation[name].size) for name, at in self.columns.items()}
@@ -98,3 +118,7 @@ class Trust:
                 raise ArgumentError(f"{name} is no free parameter of this result. {nearest(name, columns)}".strip())
         parts = [columns[name] for name in (columns if names is None else names)]
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.graph import Graph
 from kennfeld.optimize.trust.search import Weak
 from kennfeld.optimize.trust.shapes import Shape
 from kennfeld.parameters import Parameter, ParameterSet
@@ -15,7 +17,7 @@ __all__ = ["Describer", "Direction"]
 PERCENT = 0.01
 NAMED = 3  # grid points of a table that a sentence names
 SHARE = 0.3  # of the strongest grid point that another needs to be named
-SLIGHT = 0.1  # of the strongest table that another needs to be named
+SLIGHT = 0.3  # of the strongest table that another needs to be named
 RELATIVE = ("scale", "stretch", "follow")
 ORDER = ("scale", "stretch", "offset", "follow", "shift")
 DIRECTIONS = ("x", "y", "z", "w")
@@ -47,19 +49,20 @@ class Direction:
 
 
 class Describer:
-    """Words for directions around calibrated `parameters`; `start` is the calibration before.
+    """Words for directions around calibrated `parameters` of a function; `start` is the calibration before.
 
     `samples` counts the training samples at each value.
     """
 
-    def __init__(self, parameters: ParameterSet, start: ParameterSet, samples: Mapping[str, Int]) -> None:
+    def __init__(self, graph: Graph, parameters: ParameterSet, start: ParameterSet, samples: Mapping[str, Int]) -> None:
         self._parameters, self._start, self._samples = parameters, start, samples
+        self._axes = {name: _axes(graph, parameters[name]) for name in samples}
 
     def uninformed(self, name: str, where: Bool) -> Direction:
         """Values of one table that neither data nor smoothness inform."""
-        table, count = self._parameters[name], int(np.count_nonzero(where))
+        count = int(np.count_nonzero(where))
         if count < where.size:
-            places = [_place(table, at) for at in np.argwhere(where)[:NAMED].tolist()]
+            places = [self._place(name, at) for at in np.argwhere(where)[:NAMED].tolist()]
             more = ", ..." if count > NAMED else ""
             which = f"{count} of {where.size} values of {name} ({', '.join(places)}{more})"
         else:
@@ -69,7 +72,9 @@ class Describer:
         if self._samples[name].any() and max(where.shape, default=0) > 2:
             mends.insert(1, f"give {name} a smoothness")
         sentence = f"No data and no smoothness inform {which}: {keeps}."
-        return Direction(sentence, f"{_listed(mends, 'or')}.", {name: where * 1.0}, True, 0.0, float("inf"))
+        return Direction(
+            sentence, f"{_listed(mends, 'or')}.", {name: where.astype(np.float64)}, True, 0.0, float("inf")
+        )
 
     def named(self, weak: Weak, parts: Mapping[str, Float]) -> Direction:
         """A direction of named shapes; `parts` are its changes of each parameter."""
@@ -80,9 +85,7 @@ class Describer:
         what = _clauses([self._verb(shape, amount) for shape, amount in amounts])
         effect = _effect(weak, self._size(amounts, deviation))
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        return Direction(
-            f"{what} {effect}.", self._pin(amounts, changed), changed, weak.exact, weak.ratio, deviation
-        )
+        return Direction(f"{what} {effect}.", self._pin(amounts, changed), changed, weak.exact, weak.ratio, deviation)
 
     def nameless(self, weak: Weak, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """A direction told by its strongest grid points; `weights` say what each value's change does to the data."""
@@ -126,7 +129,7 @@ class Describer:
                 return more, f"{shape.table} by {abs(amount):.2g} times {shape.other}"
             case "shift":
                 unit = _unit(table.index_axes[shape.axis].unit)
-                return "shifting", f"{shape.table} along {_axis(table, shape.axis)} by {amount:.2g}{unit}"
+                return "shifting", f"{shape.table} along {self._axes[shape.table][shape.axis]} by {amount:.2g}{unit}"
             case "offset":
                 return more, f"{shape.table} by {abs(amount):.2g}{_unit(table.unit)}"
 
@@ -141,14 +144,15 @@ class Describer:
 
     def _points(self, name: str, part: Float, weight: Float) -> list[tuple[str, str]]:
         """The strongest grid points of a table, those that go up and those that go down."""
-        table = self._parameters[name]
         order = np.argsort(-weight, axis=None, kind="stable")
         some = np.count_nonzero(part) > NAMED
         chosen = [int(i) for i in order[:NAMED] if weight.flat[i] >= SHARE * weight.flat[order[0]]]
         chosen = chosen[:1] if some else chosen
         verbs = []
         for sign, verb in ((1, "raising"), (-1, "lowering")):
-            places = [_place(table, np.unravel_index(i, part.shape)) for i in chosen if np.sign(part.flat[i]) == sign]
+            places = [
+                self._place(name, np.unravel_index(i, part.shape)) for i in chosen if np.sign(part.flat[i]) == sign
+            ]
             if places:
                 at = f" at {_listed([p for p in places if p])}" if any(places) else ""
                 verbs.append((verb, f"{name}{' around' if some else at}{at.removeprefix(' at') if some else ''}"))
@@ -165,8 +169,16 @@ class Describer:
         strength = np.abs(start if telling else parts[name])
         best = np.where(strength >= (1 - 1e-9) * strength.max(), self._samples[name], -1)
         at = np.unravel_index(int(best.argmax()), best.shape)
-        value = (start if telling else table.values)[at]
-        return f"Pin a value of {name} that you know, e.g. at {_place(table, at).strip('()')} to {value:.4g}."
+        value = float((start if telling else table.values).flat[int(best.argmax())])
+        return f"Pin a value of {name} that you know, e.g. at {self._place(name, at).strip('()')} to {value:.4g}."
+
+    def _place(self, name: str, at: Sequence[int] | tuple[np.integer[Any], ...]) -> str:
+        """The coordinates of a grid point; empty for a scalar."""
+        values = [f"{axis.breakpoints[i]:.6g}" for axis, i in zip(self._parameters[name].index_axes, at, strict=True)]
+        if len(values) == 1:
+            return values[0]
+        named = ", ".join(f"{axis} {value}" for axis, value in zip(self._axes[name], values, strict=True))
+        return f"({named})" if named else ""
 
     def _separate(self, names: Sequence[str]) -> str:
         tables = [name for name in names if max(self._parameters[name].values.shape, default=0) > 2]
@@ -215,18 +227,13 @@ def _unit(unit: str) -> str:
     return f" {unit}" if unit not in ("", "-") else ""
 
 
-def _axis(table: Parameter, number: int) -> str:
-    axis = table.index_axes[number]
-    return axis.input or axis.name or DIRECTIONS[number]
-
-
-def _place(table: Parameter, at: Sequence[int]) -> str:
-    """The coordinates of a grid point; empty for a scalar."""
-    axes = table.index_axes
-    if len(axes) == 1:
-        return f"{axes[0].breakpoints[at[0]]:.6g}"
-    named = ", ".join(f"{_axis(table, i)} {axis.breakpoints[at[i]]:.6g}" for i, axis in enumerate(axes))
-    return f"({named})" if named else ""
+def _axes(graph: Graph, table: Parameter) -> tuple[str, ...]:
+    """What lies on each axis of a table: as the table says, else as the function looks it up, else x, y, z, w."""
+    lookup = next((n.args for n in graph.nodes if n.op == "lookup" and n.payload == table.name), ())
+    names = {at: name for name, at in graph.names.items()}
+    names |= {at: graph.nodes[at].payload for at in lookup if graph.nodes[at].op == "input"}
+    fed = [names.get(at, direction) for at, direction in zip(lookup, DIRECTIONS, strict=False)]
+    return tuple(axis.input or axis.name or given for axis, given in zip(table.index_axes, fed, strict=False))
 
 
 def _listed(items: Sequence[str], word: str = "and") -> str:
