@@ -79,7 +79,7 @@ class Result:
         """What the data determine of the free values; computed when it is first asked for."""
         from kennfeld.optimize.trust import Trust
 
-        return Trust() if self.inspection is None else self.inspection.trust()
+        return Trust() if self.inspection is None else self.inspection.trust
 
     @property
     def converged(self) -> bool:

@@ -1,6 +1,7 @@
 """The end of a fit, from which its trust is computed when somebody asks for it."""
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,27 +29,29 @@ MOST = 12  # directions that are named
 class Inspection:
     """What is needed to tell the trust in the values of a fit.
 
-    `values` are the free ones at the end, `informed` marks those that data or smoothness inform. What was compiled is
-    kept for the while, and made again after this has been sent to another process.
+    `values` are the free ones at the end, `informed` marks those that data or smoothness inform. What was compiled, and
+    the data with it, is kept until the trust is asked for; what is sent to another process is the trust alone.
     """
 
     def __init__(
         self, problem: Problem, values: Float, informed: Mapping[str, Bool], compiled: Compiled, scorer: Scorer
     ) -> None:
         self.problem, self.values, self.informed = problem, values, informed
-        self._compiled: Compiled | None = compiled
-        self._scorer: Scorer | None = scorer
+        self.compiled, self.scorer = compiled, scorer
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_compiled": None, "_scorer": None}
+        return {"trust": self.trust}
 
+    @cached_property
     def trust(self) -> Trust:
         """The trust."""
         with blas_threads(self.values.size):
-            return self._trust(self._compiled or Compiled(self.problem), self._scorer or Scorer(self.problem))
+            found = self._trust()
+        del self.compiled, self.scorer
+        return found
 
-    def _trust(self, compiled: Compiled, scorer: Scorer) -> Trust:
-        problem = self.problem
+    def _trust(self) -> Trust:
+        problem, compiled, scorer = self.problem, self.compiled, self.scorer
         full = compiled.start.copy()
         full[: self.values.size] = self.values
         parameters = compiled.values.unpack(full, problem.parameters)

@@ -6,7 +6,7 @@ it costs, against what the values would cost if each moved alone. A change that 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -19,7 +19,7 @@ __all__ = ["Weak", "weak_directions"]
 EXACT = 1e-9  # ratio below which the data do not see a direction at all
 OPEN = 1e-3  # share of a function that undetermined directions change, above rounding
 NEAR = (0.05, 0.05, 1e-3)  # ratio below which a named direction of one, two, three tables is badly determined
-MOVED = 0.2  # the same for a table raised and another one shifted, which are one thing but for the breakpoints
+MOVED = 0.2  # the same for a table shifted along what another one tells: but for the breakpoints, they are one thing
 VAGUE = 1e-3  # the same for one without a name, of which there are many
 NAMELESS = 2  # directions without a name that are worth a word
 SOFT = 0.5  # ratio below which the other values of two tables may adapt to a named direction
@@ -105,6 +105,7 @@ class _Search:
         self.rows = rows[self.numbers] / self.length[:, None]
         self.tables = [shapes[i].table for i in self.numbers]
         self.kinds = [shapes[i].kind for i in self.numbers]
+        self.fed = [shapes[i].fed for i in self.numbers]
         self.gram, self.whole_gram = (self.rows @ matrix @ self.rows.T for matrix in (self.data, self.total))
 
     def news(self, known: Sequence[_Trial], change: Float) -> float:
@@ -189,7 +190,13 @@ class _Search:
 
     def _near(self, group: Sequence[int] | Int) -> float:
         """The ratio below which a mixture of shapes is worth naming."""
-        return MOVED if sorted(self.kinds[i] for i in group) == ["offset", "shift"] else NEAR[len(group) - 1]
+        pairs = permutations(group, 2) if len(group) == 2 else ()
+        moved = any(self.kinds[i] == "shift" and self.tables[j] in self.fed[i] and self._raised(j) for i, j in pairs)
+        return MOVED if moved else NEAR[len(group) - 1]
+
+    def _raised(self, shape: int) -> bool:
+        """Whether a shape changes all values of its table by the same."""
+        return self.kinds[shape] == "offset" or np.count_nonzero(self.rows[shape]) == 1
 
     def _soft(self, count: int) -> Iterator[tuple[Int, Float]]:
         """For each group of shapes the mixture that the data see least, where they see little of it.

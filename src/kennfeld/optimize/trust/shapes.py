@@ -23,7 +23,7 @@ class Shape:
 
     `scale`: the values themselves; `offset`: ones; `stretch`: the distances from `about`, a value that is held;
     `shift`: what moving the table along axis `axis` by one unit does; `follow`: the values of the table `other`, which
-    is looked up at the same place.
+    is looked up at the same place. `fed` are the tables from which the coordinate on a shifted axis comes.
     """
 
     kind: Kind
@@ -32,14 +32,16 @@ class Shape:
     axis: int = 0
     about: float = 0.0
     other: str = ""
+    fed: frozenset[str] = frozenset()
 
 
 def shapes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> list[Shape]:
     """The named changes of the tables in `held`, which marks values that cannot change; those that differ."""
     places = _places(graph)
     found = []
+    fed = _fed(graph)
     for name in held:
-        found += _own(parameters[name], held[name])
+        found += _own(parameters[name], held[name], fed.get(name, []))
         for other in held:
             if other != name and places.get(name) and places.get(name) == places.get(other):
                 change = _resampled(parameters[other], parameters[name].index_axes)
@@ -57,7 +59,21 @@ def _places(graph: Graph) -> Mapping[str, set[tuple[int, ...]]]:
     return found
 
 
-def _own(table: Parameter, held: Bool) -> list[Shape]:
+def _fed(graph: Graph) -> Mapping[str, list[frozenset[str]]]:
+    """For each axis of each table, the tables that its coordinate depends on within a step."""
+    above: list[frozenset[str]] = []
+    found: dict[str, list[frozenset[str]]] = {}
+    for node in graph.nodes:
+        reached = frozenset[str]().union(*(above[at] for at in node.args))
+        if node.op == "lookup":
+            axes = found.setdefault(node.payload, [frozenset()] * len(node.args))
+            found[node.payload] = [a | above[at] for a, at in zip(axes, node.args, strict=True)]
+            reached |= {node.payload}
+        above.append(reached)
+    return found
+
+
+def _own(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) -> list[Shape]:
     values = np.nan_to_num(table.values)
     largest = float(np.abs(values).max())
     found = [Shape("scale", table.name, values)] if largest > 0 else []
@@ -70,7 +86,7 @@ def _own(table: Parameter, held: Bool) -> list[Shape]:
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
-                found.append(Shape("shift", table.name, -slope, axis=i))
+                found.append(Shape("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
     return found
 
 

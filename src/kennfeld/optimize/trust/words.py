@@ -1,6 +1,6 @@
 """Badly determined directions in plain words, each with the mend."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -169,10 +169,10 @@ class Describer:
         strength = np.abs(start if telling else parts[name])
         best = np.where(strength >= (1 - 1e-9) * strength.max(), self._samples[name], -1)
         at = np.unravel_index(int(best.argmax()), best.shape)
-        value = float((start if telling else table.values).flat[int(best.argmax())])
+        value = float(np.ravel(start if telling else table.values)[int(best.argmax())])
         return f"Pin a value of {name} that you know, e.g. at {self._place(name, at).strip('()')} to {value:.4g}."
 
-    def _place(self, name: str, at: Sequence[int] | tuple[np.integer[Any], ...]) -> str:
+    def _place(self, name: str, at: Iterable[Any]) -> str:
         """The coordinates of a grid point; empty for a scalar."""
         values = [f"{axis.breakpoints[i]:.6g}" for axis, i in zip(self._parameters[name].index_axes, at, strict=True)]
         if len(values) == 1:
