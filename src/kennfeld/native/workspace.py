@@ -108,12 +108,11 @@ class Workspace:
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
     def touched(self, chunk: Chunk, *, scored: bool) -> Int:
-        """For each column, the samples of the tape with an entry in it; with `scored`, of those that have a weight."""
+        """For each column, the samples of the tape with a slope in it; with `scored`, the slope of a scored output."""
         length, columns = chunk.length, self.kernel.values.free
-        used = (self.slope[:length] != 0).any(axis=2)
+        slope = self.slope[:length] != 0
+        used = (slope & (self.weight[:length, None] > 0) if scored else slope).any(axis=2)
         used &= np.arange(self.index.shape[1]) < self.count[:length, None]
-        if scored:
-            used &= (self.weight[:length] > 0).any(axis=1, keepdims=True)
         met = np.sort(np.where(used, self.index[:length], columns), axis=1)
         met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
         return np.bincount(met.ravel(), minlength=columns + 1)[:columns]

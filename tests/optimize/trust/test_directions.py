@@ -94,7 +94,7 @@ def test_a_pin_settles_the_scale_but_not_the_stretch_that_the_drag_makes_up_for(
 
 def test_the_worst_come_first():
     for fit in (torque_fit(0.0), torque_fit(1.0)):
-        ratios = [direction.ratio for direction in fit.trust.directions]
+        ratios = [max(direction.ratio, 1e-12) for direction in fit.trust.directions]
         assert ratios == sorted(ratios)
 
 
@@ -143,6 +143,21 @@ def test_scalars_that_stand_for_each_other_are_told():
     (direction,) = sentences("m = a * b * x", [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)], 5 * X)
     assert direction.sentence == "Scaling a by 1.01 and b by 1/1.01 changes nothing."
     assert direction.remedy == "Do not free a, or bound it by what you know."
+
+
+def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
+    """Base * (Effect + c) - (Loss + c * Base) is the same for every c, where Base and Loss share their axes."""
+    surface = kf.Map("Base", np.arange(4.0), np.arange(4.0), 2 + np.add.outer(np.arange(4.0), np.arange(4.0)))
+    loss = kf.Map("Loss", np.arange(4.0), np.arange(4.0), np.add.outer(np.arange(4.0), -np.arange(4.0)))
+    turn = np.random.default_rng(5).uniform(0, 3, 300)
+    target = (2 + X + Z) * (1 + 0.1 * turn) - X + Z
+    columns = {"x": X, "z": Z, "turn": turn, "y": target + np.random.default_rng(2).normal(0, 0.01, 300)}
+    start = kf.ParameterSet([surface, curve("Effect", 1 + 0.1 * np.arange(4.0)), loss])
+    trust = kf.calibrate("m = Base(x, z) * Effect(turn) - Loss(x, z)", columns, start, target="y").trust
+    assert [direction.exact for direction in trust.directions][:3] == [True, True, False]
+    assert found(trust, "Scaling Base by 1.01 and Effect by 1/1.01 changes nothing.")
+    (hidden,) = found(trust, "Raising Effect by 0.01 and Loss by 0.01 times Base changes nothing.")
+    assert "Pin a value of Effect" in hidden.remedy
 
 
 def test_a_product_of_three_leaves_two_scales_open():

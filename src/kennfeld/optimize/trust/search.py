@@ -17,6 +17,7 @@ from kennfeld.optimize.trust.shapes import Shape
 __all__ = ["Weak", "weak_directions"]
 
 EXACT = 1e-9  # ratio below which the data do not see a direction at all
+ROUNDING = 1e-12  # ratio below which one direction is no worse than another
 OPEN = 1e-3  # share of a function that undetermined directions change, above rounding
 NEAR = (0.05, 0.05, 1e-3)  # ratio below which a named direction of one, two, three tables is badly determined
 MOVED = 0.2  # the same for a table shifted along what another one tells: but for the breakpoints, they are one thing
@@ -76,7 +77,7 @@ def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float,
     for trial in search.others(estimate.spectrum.directions):
         if len(found) < most and search.news(found, trial.change) > MOSTLY_NEW:
             found.append(trial)
-    found.sort(key=lambda trial: trial.ratio)
+    found.sort(key=lambda trial: (max(trial.ratio, ROUNDING), not trial.shapes))
     return [
         Weak(
             change=estimate.expand(trial.change),

@@ -93,6 +93,7 @@ class Trust:
         """What `result.json` tells of it; numbers that are not finite are None."""
         return {
             "noise": {name: _finite(value) for name, value in self.noise.items()},
+            "persistence": {name: _finite(value) for name, value in self.persistence.items()},
             "freedom": _finite(self.freedom),
             "undetermined": sum(int(np.isinf(values).sum()) for values in self.deviation.values()),
             "by_smoothness": sum(int(flags.sum()) for flags in self.by_smoothness.values()),

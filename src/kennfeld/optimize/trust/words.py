@@ -189,6 +189,8 @@ class Describer:
 def _effect(weak: Weak, size: str) -> str:
     if weak.exact and not np.isfinite(weak.deviation):
         return "changes nothing"
+    if not np.isfinite(weak.deviation):
+        return "changes hardly anything"
     if weak.exact:
         return f"changes nothing that the data show; smoothness alone holds it, to +-{size}"
     if weak.seen < 0.1 * weak.ratio:
