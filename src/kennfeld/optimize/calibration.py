@@ -98,7 +98,7 @@ class _Run:
             free_values=int(limits.movable.sum()),
             fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
-            inspection=Inspection(self.problem, end.values, informed, self.exact, self.scorer) if informed else None,
+            inspection=self._inspection(end, informed),
         )
 
     def _descend(self, start: Float, limits: Limits) -> Descent:
@@ -133,6 +133,12 @@ class _Run:
         self.trace.append(entry)
         if self.progress is not None:
             self.progress(entry)
+
+    def _inspection(self, end: Descent, informed: Mapping[str, Bool]) -> Inspection | None:
+        """What tells the trust in the values, where there is anything to trust."""
+        if end.status == "infeasible" or not informed:
+            return None
+        return Inspection(self.problem, end.values, informed, self.exact, self.scorer)
 
     def _informed(self, end: Descent) -> Mapping[str, Bool]:
         """For each free parameter, the values that the cost depends on, at the end or on the way there."""

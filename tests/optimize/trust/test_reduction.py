@@ -13,7 +13,17 @@ def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
     lower, upper = np.array([0.0, 0.0, 0.0, 2.0, -np.inf]), np.array([1.0, 1.0, 1.0, 2.0, np.inf])
     values = np.array([0.0, 1.0, 1.0, 2.0, 5.0])
     gradient = np.array([3.0, 3.0, -3.0, 0.0, 1.0])  # the cost falls against it
-    assert held(Limits(lower, upper), values, gradient).tolist() == [True, False, True, True, False]
+    none = np.zeros((0, 5))
+    assert held(Limits(lower, upper), values, gradient, none).tolist() == [True, False, True, True, False]
+
+
+def test_a_bound_may_hold_only_because_of_a_pin():
+    """Min (a - 3)^2 + (b - 5)^2 with a + b = 2, a >= 0, b >= 0: at (0, 2) the cost pulls a up, and b more."""
+    limits = Limits(np.zeros(2), np.full(2, np.inf), np.ones((1, 2)), np.array([2.0]))
+    gradient = np.array([0.0 - 3, 2.0 - 5 - 1])
+    assert held(limits, np.array([0.0, 2.0]), gradient, limits.matrix).tolist() == [True, False]
+    gradient = np.array([-5.0, -1.0])
+    assert held(limits, np.array([0.0, 2.0]), gradient, limits.matrix).tolist() == [False, False]
 
 
 @settings(deadline=None, max_examples=60)

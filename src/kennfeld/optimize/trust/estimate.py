@@ -146,7 +146,8 @@ def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence
     measured = _Measured(compiled, values, groups)
     if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
         return None
-    reduction = Reduction.of(held(limits, values, measured.gradient), active_rows(limits))
+    rows = active_rows(limits)
+    reduction = Reduction.of(held(limits, values, measured.gradient, rows), rows)
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0
     part = np.ix_(seen, seen)

@@ -12,10 +12,13 @@ __all__ = ["Reduction", "active_rows", "held"]
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
 
 
-def held(limits: Limits, values: Float, gradient: Float) -> Bool:
-    """Values that a lock holds, or a bound that the cost presses them against."""
-    pressed = ((values <= limits.lower) & (gradient >= 0)) | ((values >= limits.upper) & (gradient <= 0))
-    found: Bool = pressed | ~limits.movable
+def held(limits: Limits, values: Float, gradient: Float, rows: Float) -> Bool:
+    """Values that a lock holds, or a bound that the cost presses them against while the `rows` stay as they are."""
+    low, high = values <= limits.lower, values >= limits.upper
+    inside = limits.movable & ~low & ~high
+    multipliers = np.linalg.lstsq(rows[:, inside].T, -gradient[inside], rcond=None)[0]
+    slope = gradient + multipliers @ rows
+    found: Bool = (low & (slope >= 0)) | (high & (slope <= 0)) | ~limits.movable
     return found
 
 
