@@ -38,7 +38,8 @@ __all__ = ["Estimate", "estimate"]
 class Estimate:
     """What is known of the values around the end of a fit.
 
-    Matrices are over the values that can move independently and that data or smoothness inform. `noisy` is M.
+    Matrices are over the values that can move independently and that data or smoothness inform. `uneven` is
+    M - phi H_data, None where all samples have one noise and it is 0.
     """
 
     reduction: Reduction
@@ -46,7 +47,7 @@ class Estimate:
     spectrum: Spectrum
     data: Float  # curvature of the data
     smoothness: Float  # curvature of the smoothness
-    noisy: Float  # variance of the gradient
+    uneven: Float | None
     dispersion: float  # phi: variance per unit of cost
     variances: tuple[float, ...]  # of psi, for each group
 
@@ -54,14 +55,20 @@ class Estimate:
     def error(self) -> Float:
         """Covariance of the values' errors, the smoothness being as wrong as its factor claims."""
         inverse = self.spectrum.inverse
-        found: Float = inverse @ (self.noisy + self.dispersion * self.smoothness) @ inverse
-        return found
+        found: Float = self.dispersion * inverse
+        return found if self.uneven is None else found + inverse @ self.uneven @ inverse
 
     @cached_property
     def scatter(self) -> Float:
         """Covariance of the values over repeated measurements."""
-        found: Float = self.spectrum.inverse @ self.noisy @ self.spectrum.inverse
+        found: Float = self.spectrum.inverse @ self._noisy @ self.spectrum.inverse
         return found
+
+    @property
+    def _noisy(self) -> Float:
+        """The variance of the gradient, M."""
+        found: Float = self.dispersion * self.data
+        return found if self.uneven is None else found + self.uneven
 
     @property
     def freedom(self) -> float:
@@ -95,14 +102,24 @@ class Estimate:
 
     def deviation(self, *, error: bool) -> Float:
         """Standard deviation of all values, of their error or else of their scatter; inf where undetermined."""
-        inverse = self.spectrum.inverse
+        follow = self.reduction.follow[:, self.seen]
         found = np.zeros(self.reduction.size)
-        found[self.reduction.independent[self.seen]] = self._variances(inverse, error=error)
-        following = self.reduction.follow[:, self.seen] @ inverse
-        found[self.reduction.dependent] = self._variances(following, error=error)
+        found[self.reduction.independent[self.seen]] = self._variances(None, error=error)
+        found[self.reduction.dependent] = self._variances(follow, error=error)
         found[self.undetermined] = np.inf
         deviation: Float = np.sqrt(np.maximum(found, 0.0))
         return deviation
+
+    def _variances(self, functions: Float | None, *, error: bool) -> Float:
+        """The variance of linear functions of the values, given as rows; of the values themselves by default."""
+        inverse = self.spectrum.inverse
+        rows = inverse if functions is None else functions @ inverse
+        matrix = self.uneven if error else self._noisy
+        found: Float = np.zeros(len(rows)) if matrix is None else np.einsum("ij,ij->i", rows @ matrix, rows)
+        if error:
+            own = np.diag(inverse) if functions is None else np.einsum("ij,ij->i", rows, functions)
+            found = found + self.dispersion * own
+        return found
 
     def covariance(self, *, scatter: bool) -> Float:
         """Covariance of all values: of their error, or of their scatter."""
@@ -115,14 +132,8 @@ class Estimate:
     def covariance_of(self, functions: Float) -> Float:
         """Covariance of the errors of linear functions, given as rows over the values the matrices are over."""
         rows = functions @ self.spectrum.inverse
-        found: Float = rows @ (self.noisy + self.dispersion * self.smoothness) @ rows.T
-        return found
-
-    def _variances(self, rows: Float, *, error: bool) -> Float:
-        """The variance of r g for each row r, where g is the gradient of noise, or of noise and smoothness."""
-        noisy = self.noisy + self.dispersion * self.smoothness if error else self.noisy
-        found: Float = np.einsum("ij,ij->i", rows @ noisy, rows)
-        return found
+        found: Float = self.dispersion * (rows @ functions.T)
+        return found if self.uneven is None else found + rows @ self.uneven @ rows.T
 
     def leverage(self) -> Float:
         """What each of all values takes of the degrees of freedom used: 1 where data alone decide, 0 where they do not.
@@ -159,11 +170,12 @@ def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence
     each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts()]
     used = [float(np.sum(spectrum.inverse * one)) for one in each]
     variances = _variances(groups, used)
-    noisy = np.zeros_like(data)
-    for group, variance, one in zip(groups, variances, each, strict=True):
-        noisy += group.score * variance * group.persistence / group.slope * one
-    dispersion = float(np.sum(spectrum.inverse * noisy)) / sum(used) if sum(used) > 0 else float("nan")
-    return Estimate(reduction, seen, spectrum, data, smoothness, noisy, dispersion, tuple(variances))
+    shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, variances, strict=True)]
+    dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
+    uneven = None
+    if len(groups) > 1:
+        uneven = np.sum([(share - dispersion) * one for share, one in zip(shares, each, strict=True)], axis=0)
+    return Estimate(reduction, seen, spectrum, data, smoothness, uneven, dispersion, tuple(variances))
 
 
 def _variances(groups: Sequence[Group], effective: Sequence[float]) -> list[float]:
