@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Stop, calibrate, simulate
+    from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Step, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
 
@@ -47,6 +47,7 @@ __all__ = [
     "Result",
     "Scalar",
     "Settling",
+    "Step",
     "Stop",
     "Text",
     "calibrate",
@@ -66,7 +67,7 @@ _ROOMS = {
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
-    "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Stop", "calibrate", "simulate"),
+    "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Step", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
 }

@@ -193,3 +193,15 @@ def test_a_settling_is_checked_when_it_is_made(settling):
 def test_points_with_time_stamps_are_refused():
     with pytest.raises(ArgumentError, match="without time stamps"):
         kf.Dataset.of("points", {"u": U}, time=np.arange(U.size), settling=Settling(1.0))
+
+
+@pytest.mark.parametrize("average", [0.0, 0.4])
+def test_limits_of_outputs_hold_at_the_last_sample_of_a_point(average):
+    data = points(average, 2.5)
+    text = "y = PT1(a * u, 0.2, 0)"
+    free = kf.calibrate(text, data, {"a": 1.0}, target="z")
+    limited = kf.calibrate(text, data, {"a": 1.0}, target="z", limits={"y": (-np.inf, 2.0)})
+    last = replace(data, settling=Settling(1.0, 0.0, 0.1))
+    ends = [kf.simulate(text, last, result.parameters)["y"].values.max() for result in (free, limited)]
+    assert ends[0] > 2.1
+    assert ends[1] == pytest.approx(2.0, rel=1e-5)

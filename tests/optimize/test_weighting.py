@@ -222,3 +222,12 @@ def test_weights_that_leave_nothing_are_an_error_and_those_of_one_dataset_are_no
 def test_a_region_is_checked_when_it_is_made(where, weight):
     with pytest.raises(ArgumentError):
         Region(where, weight)
+
+
+def test_limits_of_outputs_hold_beside_weights():
+    data = line(v=W + 0.1)
+    for weighed in (replace(data, weight_channel="v"), data):
+        result = kf.calibrate("m = a * x + b", weighed, {"a": 0.0, "b": 0.0}, target="y", limits={"m": (0.0, 5.0)})
+        assert result.converged
+        a, b = (result.parameters[name].value for name in "ab")
+        assert np.max(a * X + b) == pytest.approx(5.0, rel=1e-5)

@@ -24,7 +24,7 @@ from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
 
-__all__ = ["FEW", "Search", "global_search", "polished", "unbounded"]
+__all__ = ["FEW", "GlobalSettings", "global_search", "polished", "unbounded"]
 
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
@@ -46,7 +46,7 @@ class Costly(Protocol):
 
 
 @dataclass(frozen=True)
-class Search:
+class GlobalSettings:
     """How long to search, and from which random numbers; 0 evaluations stand for 500 (values + 4).
 
     The generation in which the evaluations run out is completed.
@@ -61,7 +61,7 @@ class Search:
 
 
 def global_search(
-    objective: Costly, start: Float, limits: Limits, search: Search, report: Report = lambda line, values: None
+    objective: Costly, start: Float, limits: Limits, search: GlobalSettings, report: Report = lambda line, values: None
 ) -> Descent:
     """The lowest cost within finite bounds; never above that of `start`, which keeps the limits.
 
@@ -108,7 +108,7 @@ def unbounded(problem: Problem, place: Callable[[str], str] = "bounds of {}".for
 class _Searching:
     """The running state of a search, in values scaled to [0, 1] between their bounds."""
 
-    def __init__(self, objective: Costly, start: Float, limits: Limits, search: Search, report: Report) -> None:
+    def __init__(self, objective: Costly, start: Float, limits: Limits, search: GlobalSettings, report: Report) -> None:
         self.objective, self.limits, self.report = objective, limits, report
         self.start = self.best = start
         self.movable = np.flatnonzero(limits.movable)

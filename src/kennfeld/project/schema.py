@@ -19,6 +19,7 @@ __all__ = [
     "EqualityEntry",
     "Freedom",
     "LimitEntry",
+    "Lock",
     "ModelEntry",
     "OptimizerEntry",
     "ParameterEntry",
@@ -26,12 +27,14 @@ __all__ = [
     "ProjectFile",
     "Range",
     "RegionEntry",
+    "StepEntry",
     "TargetEntry",
     "TermEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
+Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ class ParameterEntry:
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
     smoothness: float | Mapping[str, float] | None = None
-    lock: bool | Literal["no-data"] | tuple[Range, ...] = False
+    lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
     gradient: Range = field(default_factory=dict)
     curvature: Range = field(default_factory=dict)
@@ -198,7 +201,26 @@ class OptimizerEntry:
     continuation: Literal["auto", "off"] = "auto"
     method: Literal["gauss-newton", "global"] = "gauss-newton"
     max_evaluations: int = 0
+    starts: int = 1
     seed: int = 0
+    spread: float = 0.5
+    save_every: int = 0
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """One `[[step]]`; None where a key is missing. Names of parameters may be patterns."""
+
+    place: str
+    name: str = ""
+    free: tuple[str, ...] | None = None
+    lock: Mapping[str, Lock] | None = None
+    smoothness: float | Mapping[str, float | Mapping[str, float]] | None = None
+    grid_reduction: float | Mapping[str, float | Mapping[str, float]] | None = None
+    criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = None
+    max_iterations: int | None = None
+    tolerance: float | None = None
+    continuation: Literal["auto", "off"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,6 +240,7 @@ class ProjectFile:
     optimizer: OptimizerEntry
     limits: tuple[LimitEntry, ...] = ()
     equalities: tuple[EqualityEntry, ...] = ()
+    steps: tuple[StepEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property
