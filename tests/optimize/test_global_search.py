@@ -236,3 +236,28 @@ def test_the_mean_value_engine_overshoots_at_its_best_gains():
     assert result.converged
     assert kf.simulate(model, data, result.parameters)["rpm"].values.max() > idle.SET_RPM + 100
     assert kf.simulate(model, data, {"kp": 0.1, "kI": 0.02})["rpm"].values.max() < idle.SET_RPM
+
+
+def overshooting(options, most=3000.0):
+    """The event governor with a limit on its speed."""
+    data, model, start = idle.by_crank_angle()
+    result = kf.calibrate(
+        model, data, start, target="rpm_ref", node="rpm", limits={"rpm": (-np.inf, most)}, options=options
+    )
+    return result, kf.simulate(model, data, result.parameters)["rpm"].values.max()
+
+
+def test_limits_of_outputs_come_before_the_cost():
+    """The published gains stay below 2970 rpm at an RMSE of 155 rpm; the best ones overshoot by more than 100 rpm."""
+    result, most = overshooting(kf.Options(method="global", max_evaluations=400))
+    assert result.status != "infeasible"
+    assert most <= 3000 * (1 + 2e-6)
+    assert 114 < result.quality[0].rmse_after < 140
+    assert all(line.cost < 1e100 for line in result.trace)
+
+
+def test_limits_that_nothing_keeps_are_infeasible():
+    result, most = overshooting(kf.Options(method="global", max_evaluations=30), 1500.0)
+    assert result.status == "infeasible"
+    assert most > 1500
+    assert result.cost_after < 1e100

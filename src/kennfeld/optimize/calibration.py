@@ -13,6 +13,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
+from kennfeld.optimize.feasible_first import FeasibleFirst
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.global_search import GlobalSettings, global_search, polished, unbounded
 from kennfeld.optimize.limiting import limits_of
@@ -194,6 +195,10 @@ class Run:
     def _searched(self, start: Float, limits: Limits) -> Descent:
         """The end of a search without gradients, and of a descent from there."""
         search = GlobalSettings(self.options.max_evaluations, self.options.seed)
+        if self.outputs is not None:
+            first = FeasibleFirst(self.objective, self.outputs, self.parameters)
+            found = first.search(start, limits, search, partial(self._report, "global"))
+            return first.polished(found, limits, self.options.settings, self._report)
         found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
         return polished(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
 

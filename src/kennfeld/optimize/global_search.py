@@ -24,7 +24,7 @@ from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
 
-__all__ = ["FEW", "GlobalSettings", "global_search", "polished", "unbounded"]
+__all__ = ["FEW", "GlobalSettings", "Report", "global_search", "polished", "unbounded"]
 
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
