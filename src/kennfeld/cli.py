@@ -127,6 +127,13 @@ def calibrate(
             "-o", "--output", help="Folder for the results.", show_default="results beside the project", metavar="DIR"
         ),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(help="Processes for several starts.", min=1, show_default="one a core", metavar="N"),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the states that save_every kept in the results folder.")
+    ] = False,
 ) -> int:
     """Find the values that fit best, and write them.
 
@@ -134,10 +141,10 @@ def calibrate(
     """
     from kennfeld.project import Project
 
-    return _calibrate(Project.read(path), output or path.parent / "results")
+    return _calibrate(Project.read(path), output or path.parent / "results", workers, resume)
 
 
-def _calibrate(project: "Project", folder: Path) -> int:
+def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
     from kennfeld.project.results import require_room, write
     from kennfeld.report import safely
     from kennfeld.terminal.interrupt import Interrupt
@@ -147,15 +154,20 @@ def _calibrate(project: "Project", folder: Path) -> int:
     require_room(folder)
     findings = _sound(project)
     complain(*findings)
+    if resume:
+        complain(*project.saves(folder).found().findings)
     try:
         with Interrupt() as interrupt:
-            with display("compiling") as shown:
-                result = project.calibrate(interrupt.watch(shown))
+            with display("compiling", project.file.optimizer.starts) as shown:
+                result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
             written = write(result, project, folder, {"report.html": safely(project, result, findings)})
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
-    say(*aligned(result.table()), "", f"{result.status}: {result.message}")
+    say(*aligned(result.table()), "")
+    if len(result.starts) > 1:
+        say(*aligned(result.starts_table()), "")
+    say(f"{result.status}: {result.message}")
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:

@@ -9,8 +9,8 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lowering import Lowered, lower
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
+from kennfeld.native.output import Output
 from kennfeld.native.samples import Piece, Samples
-from kennfeld.native.step import Output
 
 
 def loss(r, kind, delta):

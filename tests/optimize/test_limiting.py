@@ -12,7 +12,7 @@ import kennfeld as kf
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.optimize import Criterion, Equality, Options, Problem, Seconds, Shape, Term, run
-from kennfeld.optimize.calibration import _Run
+from kennfeld.optimize.calibration import Run
 from kennfeld.optimize.limiting import limits_of
 from kennfeld.optimize.roughness import Roughness
 
@@ -144,7 +144,7 @@ def test_a_group_axis_shared_by_two_tables_keeps_both_monotonic():
 def test_limits_hold_at_every_iterate():
     fit = Fit(1)
     problem = fit.problem([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", -0.2, 0.9)])
-    running = _Run(problem, Options(), None, Seconds())
+    running = Run(problem, Options(), None, Seconds())
     limits = limits_of(problem, running.exact.values)
     seen = []
     running._report = lambda stage, line, values: seen.append(limits.violation(values))

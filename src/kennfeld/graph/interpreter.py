@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
-from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.derivative import Linearization, Slopes, Written
 from kennfeld.graph.free_axes import AxisKey, free_axes
 from kennfeld.graph.interpolation import (
     cell_weights,
@@ -153,10 +153,10 @@ class Interpreter:
         memory: list[list[Float]] = []
         for k in range(samples):
             if k in starts:
-                first = [self._row(slopes, {}, weights, run, k, width) for slopes in line.start_slopes]
+                first = [self._row(slopes, {}, weights, k, width) for slopes in _slopes(line.start_slopes, run, k)]
                 memory = [[f] * line.states[i].latency for f, i in zip(first, line.carried, strict=True)]
             now = dict(zip(line.seeds, (ring[0] for ring in memory), strict=True))
-            found = [self._row(slopes, now, weights, run, k, width) for slopes in line.slopes]
+            found = [self._row(slopes, now, weights, k, width) for slopes in _slopes(line.slopes, run, k)]
             jacobian[k] = found[: len(line.outputs)]
             for ring, row in zip(memory, found[len(line.outputs) :], strict=True):
                 ring.append(row)
@@ -180,16 +180,17 @@ class Interpreter:
 
     @staticmethod
     def _row(
-        slopes: Mapping[int, int],
-        now: Mapping[int, Float],
-        weights: Mapping[int, Float],
-        run: Evaluation,
-        k: int,
-        width: int,
+        slopes: Mapping[int, float], now: Mapping[int, Float], weights: Mapping[int, Float], k: int, width: int
     ) -> Float:
         row = np.zeros(width)
-        for seed, at in slopes.items():
-            slope = run[at][k]
+        for leaf, slope in slopes.items():
             if slope != 0:
-                row += slope * (now[seed] if seed in now else weights[seed][k])
+                row += slope * (now[leaf] if leaf in now else weights[leaf][k])
         return row
+
+
+def _slopes(slopes: Slopes, run: Evaluation, k: int) -> list[Mapping[int, float]]:
+    """The slopes of each row at sample k, by atom or state."""
+    if isinstance(slopes, Written):
+        return [{leaf: float(run[at][k]) for leaf, at in row.items()} for row in slopes.rows]
+    return [slopes.of_row(row, lambda node: float(run[node][k])) for row in range(len(slopes.roots))]

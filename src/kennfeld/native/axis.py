@@ -1,27 +1,10 @@
 """Native functions along an axis, compiled once for all models: the cell that holds a coordinate, a smoothed window."""
 
-import threading
-from functools import cache
-from typing import Literal
-
-from kennfeld.native.engine import Engine
+from kennfeld.native.engine import Shared
 from kennfeld.native.ir import Function
 from kennfeld.native.smoothing import smooth
 
-__all__ = ["axis_function"]
-
-_compiling = threading.Lock()  # or two threads would both compile, and one of the engines would go
-
-
-def axis_function(name: Literal["search", "smooth"]) -> str:
-    """A function of this module as generated code calls it."""
-    with _compiling:
-        return f"inttoptr (i64 {_engine(name).address(name)} to ptr)"
-
-
-@cache
-def _engine(name: str) -> Engine:
-    return Engine(_search().text() + (smooth().text() if name == "smooth" else ""))
+__all__ = ["SEARCH", "SMOOTH"]
 
 
 def _search() -> Function:
@@ -41,3 +24,7 @@ def _search() -> Function:
         f.store(f.add(excluded, half), position, kind="i64")
     f.store(f.load(low, kind="i64"), "%result", kind="i64")
     return f
+
+
+SEARCH = Shared("search", lambda: _search().text())
+SMOOTH = Shared("smooth", lambda: _search().text() + smooth().text())

@@ -10,7 +10,7 @@ import llvmlite.binding as llvm
 
 from kennfeld.native.library import c_function
 
-__all__ = ["Engine"]
+__all__ = ["Engine", "Shared"]
 
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
 
@@ -44,6 +44,25 @@ class Engine:
         made.engine = self
         called: Callable[..., None] = made
         return called
+
+
+class Shared:
+    """A function that knows no model, as generated code calls it: compiled once, when it is first needed.
+
+    `write` gives its text, after that of what it calls.
+    """
+
+    def __init__(self, name: str, write: Callable[[], str]) -> None:
+        self._name, self._write = name, write
+        self._compiled: tuple[Engine, str] | None = None
+        self._lock = threading.Lock()  # two threads might compile, and the engine of one be gone when it is called
+
+    def __str__(self) -> str:
+        with self._lock:
+            if self._compiled is None:
+                engine = Engine(self._write())
+                self._compiled = engine, f"inttoptr (i64 {engine.address(self._name)} to ptr)"
+            return self._compiled[1]
 
 
 _KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
@@ -98,6 +117,8 @@ declare double @llvm.floor.f64(double)
 declare double @llvm.ceil.f64(double)
 declare double @llvm.trunc.f64(double)
 declare i64 @llvm.smin.i64(i64, i64)
+declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 declare i64 @llvm.smax.i64(i64, i64)
 declare i8 @llvm.ctpop.i8(i8)
 declare double @llvm.maxnum.f64(double, double)

@@ -177,7 +177,7 @@ class Function:
         """The finished function."""
         head = ", ".join(f"{kind} %{name}" for kind, name in self.parameters)
         linkage = "internal " if self.internal else ""
-        body = "\n".join(["slots:", *self.slots, "  br label %entry", "entry:", *self.lines])
+        body = "\n".join(["stack:", *self.slots, "  br label %entry", "entry:", *self.lines])
         return f"define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
 

@@ -12,8 +12,10 @@ from kennfeld.graph.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.graph.lowering import Free, Lowered
 from kennfeld.native.emitter import Layout
 from kennfeld.native.entries import entries_of
-from kennfeld.native.step import Output, compiled, cost_code, start_code, tape_code
+from kennfeld.native.output import Output
+from kennfeld.native.step import compiled, cost_code
 from kennfeld.native.sweeps import Pattern, sweeps
+from kennfeld.native.tape import start_code, tape_code
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Kernel", "Values", "input_rows", "order_values"]
@@ -67,7 +69,7 @@ class Values:
 
 def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> Values:
     """Offsets of the parameters, and of the axes marked as free, in the array of values."""
-    states = [*line.slopes[len(line.outputs) :], *line.start_slopes]
+    states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
     reaching = {_owner(line.nodes[at]) for row in states for at in row if at not in line.seeds}
     searched = (n.payload.key for n in line.nodes if n.op in ("position", "density"))
     axes = free_axes(parameters)
@@ -141,7 +143,7 @@ class Kernel:
 
 def _pattern(line: Linearization) -> Pattern:
     m, n = len(line.outputs), len(line.seeds)
-    present = [frozenset(i for i, seed in enumerate(line.seeds) if seed in row) for row in line.slopes]
+    present = [frozenset(i for i, seed in enumerate(line.seeds) if seed in row) for row in line.slopes.reach]
     c, a = (
         frozenset(row * n + i for row, columns in enumerate(rows) for i in columns)
         for rows in (present[:m], present[m:])

@@ -10,7 +10,8 @@ from kennfeld.graph.lowering import Lowered
 from kennfeld.native.emitter import Layout
 from kennfeld.native.kernel import input_rows, order_values
 from kennfeld.native.rows import Rows
-from kennfeld.native.step import compiled, start_code, values_code
+from kennfeld.native.step import compiled, values_code
+from kennfeld.native.tape import start_code
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Simulator"]

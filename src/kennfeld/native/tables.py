@@ -7,7 +7,7 @@ ends of a cell, or, for a smoothed axis, a window of weights computed at run tim
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from kennfeld.native.axis import axis_function
+from kennfeld.native.axis import SEARCH, SMOOTH
 from kennfeld.native.ir import LANES, Function, literal
 
 __all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
@@ -61,7 +61,7 @@ def find_cell(f: Function, x: str, points: str, count: int, hint: str) -> tuple[
     after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
     before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
     with f.unless(after, before):
-        f.do(f"call void {axis_function('search')}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
     cell = f.load(hint, kind="i64")
     left = f.load(points, cell)
     right = f.load(points, f.add(cell, 1))
@@ -106,7 +106,7 @@ def smooth_window(f: Function, x: str, points: str, count: int, width: str, line
     weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
     bounds = f.slot("i64", 2)
     f.do(
-        f"call void {axis_function('smooth')}(ptr {points}, i64 {count}, double {x}, double {width}, "
+        f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "
         f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
     )
     return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)

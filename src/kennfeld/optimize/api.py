@@ -15,9 +15,10 @@ from kennfeld.graph.node import Builder
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.optimize.binding import bind
-from kennfeld.optimize.calibration import Options, Progress, run
+from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
 from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.multistart import run
 from kennfeld.optimize.output_limits import check_limits
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.result import Result
@@ -68,7 +69,7 @@ def calibrate(
         pins: values that hold exactly at a coordinate.
         constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, where the names differ.
-        options: iterations, tolerance, continuation.
+        options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
     Returns:

@@ -2,14 +2,15 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
@@ -22,21 +23,42 @@ from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.step import Step
 from kennfeld.optimize.threads import blas_threads
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Options", "Progress", "run"]
+__all__ = ["Options", "Progress", "Run", "run"]
 
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`."""
+    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
+
+    The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
+    and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
+    through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
+    """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    workers: int | None = None
+    steps: tuple[Step, ...] = ()
+    save_every: int = 0
+
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0)):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int | np.integer) and value >= least):
+                raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
+        if not 0 < self.spread < float("inf"):
+            raise ArgumentError(f"spread={self.spread!r} must be a number above 0")
+        object.__setattr__(self, "steps", tuple(self.steps))
 
     @property
     def settings(self) -> Settings:
@@ -52,51 +74,82 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
-    running = _Run(problem, options, progress, seconds or Seconds())
+    running = Run(problem, options, progress, seconds or Seconds())
     with blas_threads(running.exact.values.free):
         return running.result()
 
 
-class _Run:
+Search = Callable[[Float, Limits], Descent]
+
+
+class Run:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
         _require(problem)
         self.problem, self.options, self.progress = problem, options, progress
+        self.watch: Callable[[TraceLine, Float], None] | None = None  # hears of the values as well
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
         smoothed = options.continuation != "off"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
-        self.outputs = OutputLimits(problem) if problem.limits else None
-        self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
         self.weights = self.exact.weights
 
-    def result(self) -> Result:
+    @cached_property
+    def scorer(self) -> Scorer:
+        """What scores its start and its end."""
+        return Scorer(self.problem)
+
+    @cached_property
+    def outputs(self) -> OutputLimits | None:
+        """The limits of outputs, where there are any."""
+        return OutputLimits(self.problem) if self.problem.limits else None
+
+    def moved(self, problem: Problem) -> "Run":
+        """The same run from other values of its free parameters; nothing is compiled again."""
+        other = copy(self)
+        for made_for_one_start in ("scorer", "outputs"):
+            other.__dict__.pop(made_for_one_start, None)
+        other.problem, other.exact = problem, self.exact.moved(problem)
+        other.objective = SumOfSquares(other.exact)
+        other.continuation = self.continuation and self.continuation.moved(other.exact)
+        other.trace = []
+        return other
+
+    def end(self, search: Search | None = None) -> tuple[Descent, str]:
+        """Where the search from the projected start ends, and a remark on that start."""
         given = self.objective.start
         limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
-        before = self.objective.cost(given)
-        infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._limited(self._descend(start, limits), start, limits)
-        parameters = self._parameters(end.values)
+        if start is None:
+            return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
+        if search is not None:
+            return search(start, limits), remark
+        return self._limited(self._descend(start, limits), start, limits), remark
+
+    def result(self, search: Search | None = None) -> Result:
+        """The result of the run, or of another search of the same problem."""
+        scorer = self.scorer
+        _ = search or self.outputs
+        self.compile = time.perf_counter() - self.began
+        before = self.objective.cost(self.objective.start)
+        limits = limits_of(self.problem, self.exact.values)
+        end, remark = self.end(search)
+        parameters = self.parameters(end.values)
         trust = self._informed(end)
         axes = self.problem.free_axes
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
-            message=" ".join(
-                part
-                for part in (end.message, remark if start is not None else "", _unseen(trust), told(axes, parameters))
-                if part
-            ),
+            message=" ".join(part for part in (end.message, remark, _unseen(trust), told(axes, parameters)) if part),
             parameters=parameters,
             start=self.problem.parameters,
-            quality=self.scorer.quality(self.problem.parameters, parameters),
+            quality=scorer.quality(self.problem.parameters, parameters),
             trace=tuple(self.trace),
             iterations=end.iterations,
             evaluations=end.evaluations,
@@ -130,19 +183,20 @@ class _Run:
     def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
         """The end moved to where the limits of outputs hold; from there, else from the start."""
         outputs = self.outputs
-        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self._parameters(end.values)):
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self.parameters(end.values)):
             return end
         ends = [end]
         for at in (end.values, start):
             ends.append(
-                outputs.descend(self.objective, at, limits, self.options.settings, self._parameters, self._report)
+                outputs.descend(self.objective, at, limits, self.options.settings, self.parameters, self._report)
             )
             if ends[-1].status != "infeasible":
                 break
         best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
         return _with_effort(best, ends)
 
-    def _parameters(self, values: Float) -> ParameterSet:
+    def parameters(self, values: Float) -> ParameterSet:
+        """The set with these free values."""
         full = self.exact.start.copy()
         full[: values.size] = values
         return self.exact.values.unpack(full, self.problem.parameters)
@@ -161,6 +215,8 @@ class _Run:
             seconds=time.perf_counter() - self.began,
         )
         self.trace.append(entry)
+        if self.watch is not None:
+            self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)
 

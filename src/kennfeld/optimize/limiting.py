@@ -15,7 +15,7 @@ from kennfeld.optimize.limits import Limits, Rows
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Parameter
 
-__all__ = ["limits_of"]
+__all__ = ["grid_points", "limits_of"]
 
 DIRECTIONS = "xyzw"
 
@@ -107,7 +107,7 @@ class _Writer:
     def _equality(self, equality: Equality, name: str) -> Rows:
         row = np.zeros(self.values.free)
         for term in equality.terms:
-            columns, weights = _grid_points(self.problem.parameters[term.parameter], term.at)
+            columns, weights = grid_points(self.problem.parameters[term.parameter], term.at)
             np.add.at(row, columns + self.values.offsets[term.parameter], term.factor * weights)
         side = np.array([equality.value])
         return Rows.of(row[None], side, side, [name])
@@ -162,7 +162,7 @@ def _places(parameter: Parameter, shape: Shape, points: Int) -> Iterator[str]:
         yield f"{shape.kind} of {parameter.name} along {direction} between {x[begin]:g} and {x[end]:g}{where}"
 
 
-def _grid_points(parameter: Parameter, at: tuple[float, ...] | None) -> tuple[Int, Float]:
+def grid_points(parameter: Parameter, at: tuple[float, ...] | None) -> tuple[Int, Float]:
     """Flat grid points around a coordinate and their weights; all of them where there is none."""
     if at is None:
         return np.arange(parameter.size), np.ones(parameter.size)

@@ -197,6 +197,12 @@ class Compiled:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
+    def moved(self, problem: Problem) -> "Compiled":
+        """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
+        other = copy(self)
+        other.problem, other.start = problem, self.values.pack(problem.parameters)
+        return other
+
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
         sources = [

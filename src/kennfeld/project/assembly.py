@@ -1,14 +1,12 @@
 """Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.optimize import Criterion, Limit, Problem
+from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.binding import Bound
 from kennfeld.optimize.output_limits import channels_of, check_limits
@@ -17,13 +15,14 @@ from kennfeld.parameters import ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.project.constraints import Constraints, build_constraints
-from kennfeld.project.coverage import Coverage, touched
 from kennfeld.project.criteria import build_criteria
 from kennfeld.project.free_breakpoints import check_free_axes
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
+from kennfeld.project.locking import untouched
 from kennfeld.project.schema import ProjectFile
+from kennfeld.project.steps import build_steps
 from kennfeld.project.tables import Tables, build_tables
 
 __all__ = ["Assembly", "assemble"]
@@ -37,20 +36,25 @@ class Assembly:
     problem: Problem | None
     seconds: float
     places: dict[str, str]  # of the datasets, by name
+    steps: tuple[Step, ...] = ()
 
 
 def assemble(file: ProjectFile) -> Assembly:
     """Read everything that a project file names."""
     began = time.perf_counter()
     work = _Assembling(file)
-    problem = None
+    problem, steps = None, tuple[Step, ...]()
     try:
         problem = work.problem()
+        if problem is not None:
+            steps = build_steps(file, problem, work.findings)
     except InputError as error:
         work.findings += error.findings
     except ArgumentError as error:
         work.findings.append(Finding(file.path.name, str(error)))
-    return Assembly(tuple(dict.fromkeys(work.findings)), problem, time.perf_counter() - began, dict(work.loaded.places))
+    findings, places = tuple(dict.fromkeys(work.findings)), dict(work.loaded.places)
+    sound = problem if not work.failed else None
+    return Assembly(findings, sound, time.perf_counter() - began, places, steps)
 
 
 class _Assembling:
@@ -81,13 +85,13 @@ class _Assembling:
         constraints = Constraints()
         if tables is not None:
             constraints = build_constraints(file, tables, self.function, findings)
-        if self._failed or tables is None or self.function is None:
+        if self.failed or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
         self.findings += check_free_axes(self.file, problem)
         self._check_samples(problem)
         self._check_limits(problem)
-        return None if self._failed else self._feasible(self._locked(problem, tables))
+        return None if self.failed else self._feasible(self._locked(problem, tables))
 
     def _feasible(self, problem: Problem) -> Problem | None:
         """The problem, None where its limits contradict each other."""
@@ -112,7 +116,8 @@ class _Assembling:
         )
 
     @property
-    def _failed(self) -> bool:
+    def failed(self) -> bool:
+        """Whether a finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
     def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
@@ -237,25 +242,8 @@ class _Assembling:
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:
             return problem
-        coverage = Coverage(problem.model.graph, problem.parameters, names)
-        seen = {name: np.zeros(problem.parameters[name].values.shape, dtype=bool) for name in names}
-        for bound in problem.training:
-            for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
-                seen[name] |= mask
-        changed = [problem.parameters[name].changed(locked=~mask) for name, mask in seen.items()]
+        changed = [problem.parameters[name].changed(locked=mask) for name, mask in untouched(problem, names).items()]
         return replace(problem, parameters=problem.parameters.with_parameters(*changed))
-
-
-def _counting(problem: Problem) -> Callable[[Bound], Bool]:
-    """The samples that count: without states those with a target, else all, since the later ones depend on them."""
-
-    def counts(bound: Bound) -> Bool:
-        if problem.model.graph.states:
-            return np.ones(bound.count, dtype=bool)
-        scored = [np.isfinite(problem.target(criterion, bound)) for criterion in problem.criteria]
-        return np.asarray(np.logical_or.reduce(scored))
-
-    return counts
 
 
 def _emptiest(problem: Problem, bound: Bound) -> str:

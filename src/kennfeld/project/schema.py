@@ -19,18 +19,21 @@ __all__ = [
     "EqualityEntry",
     "Freedom",
     "LimitEntry",
+    "Lock",
     "ModelEntry",
     "OptimizerEntry",
     "ParameterEntry",
     "PinEntry",
     "ProjectFile",
     "Range",
+    "StepEntry",
     "TargetEntry",
     "TermEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
+Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ class ParameterEntry:
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
     smoothness: float | Mapping[str, float] | None = None
-    lock: bool | Literal["no-data"] | tuple[Range, ...] = False
+    lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
     gradient: Range = field(default_factory=dict)
     curvature: Range = field(default_factory=dict)
@@ -181,6 +184,26 @@ class OptimizerEntry:
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    save_every: int = 0
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """One `[[step]]`; None where a key is missing. Names of parameters may be patterns."""
+
+    place: str
+    name: str = ""
+    free: tuple[str, ...] | None = None
+    lock: Mapping[str, Lock] | None = None
+    smoothness: float | Mapping[str, float | Mapping[str, float]] | None = None
+    grid_reduction: float | Mapping[str, float | Mapping[str, float]] | None = None
+    criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = None
+    max_iterations: int | None = None
+    tolerance: float | None = None
+    continuation: Literal["auto", "off"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +223,7 @@ class ProjectFile:
     optimizer: OptimizerEntry
     limits: tuple[LimitEntry, ...] = ()
     equalities: tuple[EqualityEntry, ...] = ()
+    steps: tuple[StepEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -17,6 +17,7 @@ from kennfeld.project.schema import (
     TargetEntry,
 )
 from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import read_toml
 
@@ -43,11 +44,9 @@ def read_project(path: Path) -> ProjectFile:
         optimizer=_optimizer(root),
         limits=tuple(limit_entry(section) for section in root.sections("limit")),
         equalities=tuple(equality_entry(section) for section in root.sections("equality")),
+        steps=steps(root),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
-    for key in ("step",):
-        if root.get(key) not in (None, []):
-            root.report(f"[[{key}]]", f"[[{key}]] {NEXT}", "Remove it.")
     _end(root)
     if any(finding.severity == "error" for finding in findings):
         raise InputError(findings)
@@ -199,16 +198,15 @@ def _optimizer(root: Section) -> OptimizerEntry:
     if section is None:
         return OptimizerEntry()
     section.choice("method", "gauss-newton", ("gauss-newton",), later=("global",))
-    if section.whole("starts", 1, 1) > 1:
-        section.report("starts", f"more than one start {NEXT}", "Write starts = 1.")
-    if section.whole("save_every", 0, 0) > 0:
-        section.report("save_every", f"save_every {NEXT}", "Write save_every = 0.")
-    section.whole("seed", 0, 0)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),
         tolerance=section.number("tolerance", 1e-8, 0.0, above=True),
         continuation="off" if continuation == "off" else "auto",
+        starts=section.whole("starts", 1, 1),
+        seed=section.whole("seed", 0, 0),
+        spread=section.number("spread", 0.5, 0.0, above=True),
+        save_every=section.whole("save_every", 0, 0),
     )
     section.end()
     return entry

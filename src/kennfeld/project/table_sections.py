@@ -1,15 +1,15 @@
 """`[parameters.NAME]` and `[axes.NAME]` of a project file, and the axes in them."""
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.project.limit_sections import shape_ranges
-from kennfeld.project.schema import DIRECTIONS, AxisEntry, Freedom, ParameterEntry, PinEntry, Range
+from kennfeld.project.schema import DIRECTIONS, AxisEntry, Freedom, Lock, ParameterEntry, PinEntry, Range
 from kennfeld.project.section import NEXT, Section, array
 
-__all__ = ["group_axis", "parameter_entry"]
+__all__ = ["group_axis", "parameter_entry", "read_lock"]
 
 _MOST_POINTS = 100_000
 _WAYS = "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
@@ -29,7 +29,7 @@ def parameter_entry(name: str, section: Section) -> ParameterEntry:
         free=section.flag("free"),
         bounds=_bounds(section),
         smoothness=_smoothness(section),
-        lock=_lock(section),
+        lock=read_lock(section, "lock"),
         pins=_pins(section),
         gradient=shape_ranges(section, "gradient"),
         curvature=shape_ranges(section, "curvature"),
@@ -214,18 +214,19 @@ def _smoothness(section: Section) -> float | dict[str, float] | None:
     return section.number("smoothness", 0.0, 0.0)
 
 
-def _lock(section: Section) -> bool | Literal["no-data"] | tuple[Range, ...]:
-    given = section.get("lock")
+def read_lock(section: Section, key: str) -> Lock:
+    """A lock: true, false, "no-data" or a list of ranges."""
+    given = section.get(key)
     if isinstance(given, bool) or given is None:
         return bool(given)
     if given == "no-data":
         return "no-data"
     if not isinstance(given, list) or not all(isinstance(part, dict) for part in given):
         mend = 'Write true, "no-data" or a list of ranges, [{ x = [0, 10] }].'
-        section.report("lock", f"{given!r} is no lock", mend)
+        section.report(key, f"{given!r} is no lock", mend)
         return False
     return tuple(
-        _range(Section(part, f"{section.place} lock {i}", section.findings)) for i, part in enumerate(given, 1)
+        _range(Section(part, f"{section.place} {key} {i}", section.findings)) for i, part in enumerate(given, 1)
     )
 
 

@@ -17,6 +17,7 @@ from kennfeld.project.axes import Axes
 from kennfeld.project.free_breakpoints import made_free
 from kennfeld.project.function import Function, coordinates_of
 from kennfeld.project.initial import described, sized
+from kennfeld.project.locking import lacking_axes, within
 from kennfeld.project.schema import DIRECTIONS, ParameterEntry, ProjectFile, Range
 
 __all__ = ["Tables", "build_tables"]
@@ -195,15 +196,11 @@ class _Table:
         return held
 
     def _range(self, table: Parameter, part: Range, key: str) -> Bool:
-        inside = np.ones(table.values.shape, dtype=bool)
-        for direction, (first, last) in part.items():
-            which = DIRECTIONS.index(direction)
-            if which >= len(table.axes):
-                self._report(key, f"{table.name} has no axis {direction}")
-                return np.zeros(table.values.shape, dtype=bool)
-            points = table.axes[which].breakpoints
-            shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
-            inside &= ((points >= first) & (points <= last)).reshape(shape)
+        beyond = lacking_axes(table, part)
+        if beyond:
+            self._report(key, f"{table.name} has no axis {beyond[0]}")
+            return np.zeros(table.values.shape, dtype=bool)
+        inside = within(table, part)
         if not inside.any():
             self._report(key, "no grid point lies in this range", warning=True)
         return inside

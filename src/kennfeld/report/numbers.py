@@ -64,10 +64,12 @@ def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
 def percent(share: float | None) -> str:
     """A share in percent, with as many digits as make sense.
 
-    >>> percent(0.9761), percent(0.0034), percent(float("inf"))
-    ('98 %', '0.34 %', '–')
+    >>> percent(0.9761), percent(0.9989), percent(0.0034), percent(float("inf"))
+    ('98 %', '99.9 %', '0.34 %', '–')
     """
     if share is None or not math.isfinite(share):
         return MISSING
     value = 100 * share
+    if 99 <= abs(value) < 100:
+        return f"{math.copysign(min(abs(value), 99.9), value):.1f} %"  # never all where something is left
     return f"{value:.0f} %" if abs(value) >= 9.95 or value == 0 else f"{value:.2g} %"

@@ -57,7 +57,8 @@ def _contents(parts: Any) -> Html:
     entries = []
     for anchor, title, _, below in parts:
         entries.append(element("a", title, href=f"#{anchor}"))
-        entries += [element("a", name, href=f"#{to}", class_="below", title=name) for to, name in below]
+        links = [element("a", name, href=f"#{to}", class_="below", title=name) for to, name in below]
+        entries += [element("div", links, class_="group")] if links else []
     return element("nav", element("div", "Kennfeld", class_="brand"), entries, aria_label="Contents")
 
 

@@ -99,9 +99,9 @@ def _tiles(subject: Subject) -> Iterator[tuple[str, str, str]]:
 
 
 def _tile(label: str, number: str, below: str) -> Html:
-    return element(
-        "div", element("span", label, class_="label"), element("b", number), element("span", below), class_="tile"
-    )
+    value, _, unit = number.partition(" ")
+    large = element("b", value, [" ", element("small", unit)] if unit else None)
+    return element("div", element("span", label, class_="label"), large, element("span", below), class_="tile")
 
 
 def _score_table(subject: Subject) -> Html:
@@ -243,7 +243,7 @@ def _summary_table(of: Residuals) -> Html:
         [
             *(row.dataset, row.use, str(row.samples)),
             # a mean that is rounding noise would look like a finding
-            shown(0.0 if abs(row.mean) < 1e-6 * row.rmse else row.mean),
+            shown(0.0 if abs(row.mean) < 1e-4 * row.rmse else row.mean),
             *(shown(x) for x in (row.deviation, row.rmse, row.median, row.percentile_95, row.largest)),
             *(percent(row.relative), percent(row.beyond)),
         ]

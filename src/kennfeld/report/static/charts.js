@@ -247,10 +247,17 @@ const LAYERS = {
   band(pen, layer, frame) {
     pen.fillStyle = layer.colour;
     pen.globalAlpha = layer.alpha ?? 0.18;
-    pen.beginPath();
-    for (let i = 0; i < layer.x.length; i++) pen[i ? "lineTo" : "moveTo"](frame.px(layer.x[i]), frame.py(layer.y[i]));
-    for (let i = layer.x.length - 1; i >= 0; i--) pen.lineTo(frame.px(layer.x[i]), frame.py(layer.y2[i]));
-    pen.fill();
+    const known = (i) => Number.isFinite(layer.y[i]) && Number.isFinite(layer.y2[i]);
+    for (let first = 0; first < layer.x.length; first++) {
+      if (!known(first)) continue;
+      let last = first;
+      while (last + 1 < layer.x.length && known(last + 1)) last++;
+      pen.beginPath();
+      for (let i = first; i <= last; i++) pen[i > first ? "lineTo" : "moveTo"](frame.px(layer.x[i]), frame.py(layer.y[i]));
+      for (let i = last; i >= first; i--) pen.lineTo(frame.px(layer.x[i]), frame.py(layer.y2[i]));
+      pen.fill();
+      first = last;
+    }
     pen.globalAlpha = 1;
   },
   stems(pen, layer, frame) {
@@ -395,7 +402,7 @@ const DRAW = {
     const one = (heading, panes, parts) => {
       const cell = make("div", {}, make("div", { class: "heading" }, heading));
       grid.append(cell);
-      new Chart(cell, { height: 146, left: 48, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
+      new Chart(cell, { height: 146, left: 54, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
     };
     const pane = (...layers) => [{ title: "samples", floor: true, zero: true, layers: [...layers, zero] }];
     const { before, after } = f.own, b = COLOUR.before, a = COLOUR.after;

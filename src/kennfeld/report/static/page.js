@@ -25,6 +25,10 @@
     if (host.getBoundingClientRect().top < window.innerHeight + 600) draw(host);
   }
 
+  document.addEventListener("toggle", (event) => {
+    if (event.target.open) for (const host of event.target.querySelectorAll("[data-figure]")) seen.unobserve(host), seen.observe(host);
+  }, true);
+
   const opened = [];
   window.addEventListener("beforeprint", () => {
     for (const part of document.querySelectorAll("details:not([open])")) { part.open = true; opened.push(part); }
@@ -34,10 +38,13 @@
 
   const reveal = () => {
     const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (!target) return;
     for (let node = target; node; node = node.parentElement) if (node.tagName === "DETAILS") node.open = true;
-    if (target) target.scrollIntoView();
+    target.querySelectorAll("[data-figure]").forEach((host, i) => { if (i < 4) draw(host); });
+    target.scrollIntoView();
   };
   window.addEventListener("hashchange", reveal);
+  for (const link of document.querySelectorAll('a[href^="#"]')) link.addEventListener("click", () => setTimeout(reveal));
   if (location.hash) reveal();
 
   const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));

@@ -115,7 +115,9 @@ function curve(host, f, direction, flat, words) {
   const changed = JSON.stringify(f.before) !== JSON.stringify(f.after);
   const after = numbers(pick(f.after)), layers = [];
   if (f.deviation) {
-    const by = pick(f.deviation).map((value) => (value > 0 ? 2 * value : 0));
+    const by = pick(f.deviation).map((value) => (value >= 0 ? 2 * value : NaN));
+    const open = axis.points.filter((_, k) => Number.isNaN(by[k]));
+    if (open.length) layers.push({ type: "upright", name: "not determined", colour: "#c98a1b", dash: [3, 3], at: open });
     layers.push({ type: "band", name: "± 2 standard deviations", colour: COLOUR.after, alpha: 0.15, x, y: after.map((v, k) => v + by[k]), y2: after.map((v, k) => v - by[k]) });
   }
   if (changed) layers.push({ type: "line", name: "before", colour: COLOUR.before, width: 1.4, dots: true, size: 2.2, x, y: numbers(pick(f.before)) });
