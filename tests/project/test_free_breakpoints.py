@@ -164,3 +164,16 @@ def test_the_result_of_parameters_from_a_file_still_tells_what_moved(shop):
     again = replace(result, parameters=read_parameters(shop.folder / "end.json"))
     assert again.moved.keys() == result.moved.keys()
     np.testing.assert_array_equal(again.moved["AxisSpeed"][1], result.moved["AxisSpeed"][1])
+
+
+def test_a_saved_search_goes_on_with_the_breakpoints_it_had(shop):
+    speed = np.linspace(1000, 3000, 201)
+    load = 10.0 + np.arange(speed.size) % 4
+    torque = np.interp(speed, [1000, 1370, 3000], [1, 2, 3]) * load + 5
+    shop.bench("bench.csv", speed, **{"Load": load, "Torque [Nm]": torque})
+    gain(shop, '{ breakpoints = "free" }').add("[optimizer]\nsave_every = 1")
+    first = shop.project.calibrate()
+    again = shop.project.calibrate(resume=True)
+    np.testing.assert_allclose(again.parameters["Gain"].axes[0].breakpoints, [1000, 1370, 3000], atol=1e-3)
+    assert again.cost_after <= first.cost_after * (1 + 1e-6) + 1e-12
+    assert len(again.trace) < len(first.trace)
