@@ -147,6 +147,7 @@ def calibrate(
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
     from kennfeld.project.results import require_room, write
     from kennfeld.report import safely
+    from kennfeld.terminal.findings import left_open
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
@@ -169,6 +170,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
         say(*aligned(result.starts_table()), "")
     say(f"{result.status}: {result.message}")
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
+    say(*left_open(result.trust))
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:
         return INTERRUPTED

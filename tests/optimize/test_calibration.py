@@ -109,12 +109,12 @@ def test_values_without_data_keep_their_start_exactly_and_the_message_says_so(po
     beyond = breakpoints > 3.0 + breakpoints[1]
     assert result.parameters["C"].values[beyond].tolist() == [0.1] * int(beyond.sum())
     assert "keep their start" in result.message
-    assert not result.trust["C"][beyond].any()
+    assert not result.trust.informed["C"][beyond].any()
 
 
 def test_smoothness_informs_values_without_data():
     result = fitted(kf.Curve("C", np.linspace(0, 6, 13), np.full(13, 0.1)), smoothness=1e-3)
-    assert result.trust["C"].all()
+    assert result.trust.informed["C"].all()
     assert "keep their start" not in result.message
 
 
@@ -352,5 +352,5 @@ def test_values_said_to_keep_their_start_do():
     start = kf.ParameterSet([kf.Scalar("k", 9.0), kf.Curve("C", [0, 1, 2, 3], [0.0, 1.0, 2.0, 3.0])])
     x = np.linspace(0, 1, 200)
     result = kf.calibrate("m = C(k * x)", {"x": x, "y": 0.2 * x}, start, target="y")
-    unseen = ~result.trust["C"]
+    unseen = ~result.trust.informed["C"]
     assert result.parameters["C"].values[unseen].tolist() == start["C"].values[unseen].tolist()

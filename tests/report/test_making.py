@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from report_projects import limited
 
 from kennfeld import InputError
 from kennfeld.project import Project
@@ -106,6 +107,14 @@ def test_many_datasets_share_the_room(shop, opened):
     text = document(project, project.calibrate())
     assert len(opened(text).figures("strip")) == 41
     assert len(text) < 3_000_000
+
+
+def test_limits_that_press_are_told(shop, opened):
+    project = limited(shop)
+    words = opened(document(project, project.calibrate())).words_in_a_row
+    assert "slope along x from 0 to 1.1" in words
+    assert "C, k equality C(0) + " in words
+    assert "y - z -∞ to 11 x > 2" in words
 
 
 def test_a_stale_result_is_told(shop, opened, tmp_path):

@@ -1,8 +1,8 @@
 """Where in its tables a function looks up: coordinates, cells and weights of grid points, block by block."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -98,19 +98,23 @@ class Lookups:
         return self._kept[bound.dataset.name]
 
     def _blocks(self, bound: Bound) -> Iterator[Lookup]:
-        values = self._values.get(bound.dataset.name)
-        if values is None and self.states and self._nodes is not None:
-            values = self._nodes.values(bound, self._parameters)
-        for first, last in pairwise([*range(0, bound.count, BLOCK), bound.count]):
-            columns = {at: bound.columns[name][first:last] for at, name in self._inputs.items()}
-            if values is not None:
-                columns |= zip(self._computed, values[:, first:last], strict=True)
-            elif self._nodes is not None:
-                part = _part(bound, first, last)
-                columns |= zip(self._computed, self._nodes.values(part, self._parameters), strict=True)
+        given = bound.columns
+        for here, values in self._coordinates(bound):
+            columns = {at: given[name][here] for at, name in self._inputs.items()}
+            columns |= zip(self._computed, values, strict=True)
             searched: dict[tuple[int, bytes, str], tuple[Bool, Int, Float]] = {}
             for name, args in self._lookups:
-                yield self._one(self._parameters[name], first, args, columns, searched)
+                yield self._one(self._parameters[name], here.start, args, columns, searched)
+
+    def _coordinates(self, bound: Bound) -> Iterator[tuple[slice, Float]]:
+        """The computed coordinates, shape (coordinates, samples), block by block."""
+        known = self._values.get(bound.dataset.name)
+        if known is None and self._nodes is not None:
+            yield from self._nodes.blocks(bound, self._parameters)
+            return
+        for first in range(0, bound.count, BLOCK):
+            here = slice(first, min(first + BLOCK, bound.count))
+            yield here, np.zeros((0, bound.count)) if known is None else known[:, here]
 
     def _one(
         self,
@@ -135,12 +139,6 @@ def _reaches(problem: Problem, name: str) -> frozenset[int]:
     graph = problem.graph
     moving = dependent(graph, lambda node: node.op == "lookup" and node.payload == name)
     return frozenset(i for i in range(len(problem.criteria)) if graph.names[difference(i)] in moving)
-
-
-def _part(bound: Bound, first: int, last: int) -> Bound:
-    """Some of the samples of a dataset, for a function without states."""
-    columns = {name: values[first:last] for name, values in bound.columns.items()}
-    return replace(bound, columns=columns, starts=np.zeros(1, dtype=np.int64), scored=bound.scored[first:last])
 
 
 def _place(x: Float, breakpoints: Float, table: Parameter) -> tuple[Bool, Int, Float]:

@@ -276,5 +276,5 @@ def _sample(problem: Problem, series: Series, errors: Errors, at: int) -> WorstS
         error=float(errors.absolute[at]),
         relative=float(errors.relative[at]),
         scaled=float(errors.scaled[at]),
-        inputs={name: float(series.bound.columns[name][at]) for name in problem.model.graph.inputs},
+        inputs={name: float(series.bound.inputs[name][number]) for name in problem.model.graph.inputs},
     )

@@ -12,7 +12,7 @@ from itertools import groupby
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.workspace import Workspace
@@ -199,6 +199,16 @@ class Accumulator:
                 residual[chunk.first * m : chunk.last * m] = r
                 jacobian[chunk.first * m : chunk.last * m] = j
         return residual, jacobian
+
+    def touched(self, values: Float) -> Int:
+        """For each free value, the samples whose step depends on it; without states, the scored ones among them."""
+        values = self._visit_states(values)
+        space, found = self._workspaces[0], np.zeros(self.kernel.values.free, dtype=np.int64)
+        space.use(values)
+        for chunk in self.chunks:
+            self._linearise(space, chunk)
+            found += space.touched(chunk, scored=not self.stateful)
+        return found
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

@@ -25,6 +25,7 @@ from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.step import Step
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "Run", "run"]
@@ -140,13 +141,13 @@ class Run:
         limits = limits_of(self.problem, self.exact.values)
         end, remark = self.end(search)
         parameters = self.parameters(end.values)
-        trust = self._informed(end)
+        informed = self._informed(end)
         axes = self.problem.free_axes
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
-            message=" ".join(part for part in (end.message, remark, _unseen(trust), told(axes, parameters)) if part),
+            message=" ".join(part for part in (end.message, remark, _unseen(informed), told(axes, parameters)) if part),
             parameters=parameters,
             start=self.problem.parameters,
             quality=scorer.quality(self.problem.parameters, parameters),
@@ -158,7 +159,7 @@ class Run:
             free_values=int(limits.movable.sum()),
             fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
-            trust=trust,
+            inspection=self._inspection(end, informed),
         )
 
     def _descend(self, start: Float, limits: Limits) -> Descent:
@@ -219,6 +220,12 @@ class Run:
             self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)
+
+    def _inspection(self, end: Descent, informed: Mapping[str, Bool]) -> Inspection | None:
+        """What tells the trust in the values, where there is anything to trust."""
+        if end.status == "infeasible" or not informed:
+            return None
+        return Inspection(self.problem, end.values, informed, self.exact, self.scorer)
 
     def _informed(self, end: Descent) -> Mapping[str, Bool]:
         """For each free parameter, the values that the cost depends on, at the end or on the way there."""
@@ -286,9 +293,9 @@ def _require(problem: Problem) -> None:
         raise InputError(findings)
 
 
-def _unseen(trust: Mapping[str, Bool]) -> str:
+def _unseen(informed: Mapping[str, Bool]) -> str:
     """A sentence on values that nothing informs."""
-    counts = {name: int((~seen).sum()) for name, seen in trust.items() if not seen.all()}
+    counts = {name: int((~seen).sum()) for name, seen in informed.items() if not seen.all()}
     if not counts:
         return ""
     listed = ", ".join(f"{count} of {name}" for name, count in counts.items())

@@ -1,16 +1,19 @@
 """What a calibration gives back."""
 
 import html
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
+
+if TYPE_CHECKING:
+    from kennfeld.optimize.trust import Inspection, Trust
 
 __all__ = ["Quality", "Result", "Seconds", "StartResult", "TraceLine"]
 
@@ -87,7 +90,6 @@ class StartResult:
 class Result:
     """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
 
-    `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
     `starts` has a row for each start; `resumed` names the saved states that the search went on from.
     """
 
@@ -104,7 +106,7 @@ class Result:
     free_values: int
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
-    trust: Mapping[str, Bool] = field(default_factory=dict)
+    inspection: "Inspection | None" = field(default=None, repr=False, compare=False)
     starts: tuple[StartResult, ...] = ()
     resumed: tuple[str, ...] = ()
 
@@ -116,6 +118,13 @@ class Result:
             table, which = free.places[0]
             pairs[str(key)] = (free.axis.breakpoints, self.parameters[table].axes[which].breakpoints)
         return {name: pair for name, pair in pairs.items() if not np.array_equal(*pair)}
+
+    @cached_property
+    def trust(self) -> "Trust":
+        """What the data determine of the free values; computed when it is first asked for."""
+        from kennfeld.optimize.trust import Trust
+
+        return Trust() if self.inspection is None else self.inspection.trust
 
     @property
     def converged(self) -> bool:
@@ -136,6 +145,7 @@ class Result:
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
             "starts": [row.as_json() for row in self.starts],
             "resumed": list(self.resumed),
+            "trust": self.trust.as_json(),
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:

@@ -73,6 +73,11 @@ class Scorer:
         self._nodes = Nodes(problem.graph, problem.parameters, [difference(i) for i in range(len(problem.criteria))])
         self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
+    def errors(self, bound: Bound, parameters: ParameterSet) -> Float:
+        """Model minus target at each sample, shape (criteria, samples); NaN where it is not scored."""
+        targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
+        return self._nodes.values(bound, parameters) - np.array(targets)
+
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
         """The quality of each criterion on each dataset."""
         return tuple(row for bound in self._bounds for row in self._rows(bound, before, after))

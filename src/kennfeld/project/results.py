@@ -18,6 +18,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
+from kennfeld.project.trust_table import write_trust
 
 __all__ = ["Simulated", "require_room", "write", "write_simulation", "write_text"]
 
@@ -48,6 +49,7 @@ def write(
         for ending in dict.fromkeys((".json", *project.formats)):
             write_parameters(result.parameters, scratch / f"parameters{ending}")
         _write_trace(result.trace, scratch / "trace.csv")
+        write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")

@@ -173,7 +173,6 @@ def parameter(change: Change, inputs: Sequence[str]) -> Figure:
         "informed": change.informed,
         "bySmoothness": change.by_smoothness,
     }
-    deviation = change.deviation
     return {
         "kind": "parameter",
         "name": after.name,
@@ -184,10 +183,15 @@ def parameter(change: Change, inputs: Sequence[str]) -> Figure:
         "after": rounded(after.values.ravel(), 8),
         "bound": change.bound.ravel().tolist(),
         "locked": after.locked.ravel().astype(int).tolist(),
-        # the page tells an endless deviation from one that is not known
-        "deviation": None if deviation is None else [-1 if v is None else v for v in rounded(deviation.ravel())],
+        "deviation": None if change.deviation is None else _deviations(change.deviation),
         **{n: None if a is None else np.asarray(a).ravel().astype(int).tolist() for n, a in extras.items()},
     }
+
+
+def _deviations(deviation: Float) -> list[float | None]:
+    """Standard deviations; -1 stands for an endless one, None for one that is not known."""
+    flat = deviation.ravel()
+    return [-1 if np.isinf(value) else shown for value, shown in zip(flat, rounded(flat), strict=True)]
 
 
 def convergence(subject: Subject) -> Figure | None:

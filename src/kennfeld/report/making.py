@@ -10,6 +10,7 @@ from kennfeld.project import Project
 from kennfeld.report.markup import element
 from kennfeld.report.page import page
 from kennfeld.report.stored import stored
+from kennfeld.report.stored_trust import stored_trust
 from kennfeld.report.subject import subject
 
 __all__ = ["document", "from_folder", "safely"]
@@ -38,7 +39,9 @@ def from_folder(project: Project, folder: str | Path) -> str:
     Raises `InputError` where a file of the result is missing or damaged, and where the project has errors.
     """
     findings = project.check()
-    return document(project, stored(Path(folder), project.problem()), findings)
+    result = stored(Path(folder), project.problem())
+    trust = None if result is None else stored_trust(Path(folder), result.parameters)
+    return page(subject(project, result, findings, trust))
 
 
 def safely(project: Project, result: Result, findings: Sequence[Finding] = ()) -> str:

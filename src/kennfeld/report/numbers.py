@@ -52,7 +52,9 @@ def recorded(value: float | None) -> str:
     >>> recorded(2554.1), recorded(48.0)
     ('2554.1', '48')
     """
-    return MISSING if value is None or not math.isfinite(value) else f"{value:.7g}"
+    if value is not None and math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return MISSING if value is None or math.isnan(value) else f"{value:.7g}"
 
 
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.analysis import Residuals, WorstSample
+from kennfeld.analysis import Residuals, WorstSample, output_ranges, pressing
 from kennfeld.analysis.series import Series
 from kennfeld.arrays import Bool
+from kennfeld.optimize import Equality
 from kennfeld.parameters import Parameter
 from kennfeld.report import figures
 from kennfeld.report.facts import sources
@@ -146,7 +147,7 @@ def _fit(subject: Subject, pictures: Pictures) -> Html:
 def _samples(series: Series) -> str:
     scored, kept = int(series.scored.sum()), series.bound.count
     dropped = series.bound.dataset.samples - kept
-    said = f"{scored} samples" + (f" scored of {kept}" if kept != scored else "")
+    said = f"{scored} sample{'s' * (scored != 1)}" + (f" scored of {kept}" if kept != scored else "")
     return said + (f", {dropped} left out for lack of an input" if dropped else "")
 
 
@@ -164,7 +165,7 @@ def _pictures(before: Series, after: Series, of: Residuals, count: int, pictures
         element(
             "div",
             pictures.place(scatter, f"Calculated over measured.{some}", f"calculated over measured, {name}"),
-            pictures.place(figures.histograms(before, after), "Errors before and after.", f"errors on {name}"),
+            pictures.place(figures.histograms(before, after), "How the errors are spread.", f"errors on {name}"),
             class_="row two",
         ),
     ]
@@ -281,8 +282,10 @@ def _parameters(subject: Subject, pictures: Pictures) -> tuple[Html, list[tuple[
     content = element(
         "div",
         _note(
-            "The parameters that were fitted, the greatest change first. The relative change is the root mean square "
-            "of the change over that of the values."
+            "The parameters that are free to be fitted."
+            if subject.result is None
+            else "The parameters that were fitted, the greatest change first. The relative change is the root mean "
+            "square of the change over that of the values."
         ),
         _overview(tables) if tables else None,
         [element("h4", "Scalars"), _scalar_table(scalars)] if scalars else None,
@@ -304,7 +307,7 @@ def _overview(changes: Sequence[Change]) -> Html:
             *(_count(c.uncovered), _count(c.bound != 0)),
         ]
         if c.deviation is not None:
-            row.append(shown(float(np.median(c.deviation))))
+            row.append(_deviation(float(np.median(c.deviation))))
         rows.append(row if len(row) == len(head) else [*row, MISSING])
     return table(head, rows, words=3, class_="wide")
 
@@ -428,12 +431,51 @@ def _limits(subject: Subject) -> Html:
         if c.after.locked.any():
             at = np.argwhere(c.after.locked)
             rows.append([c.name, "locked", str(len(at)), _places(c.after, at)])
+    rows += _linear(subject)
+    outputs = _outputs(subject)
+    if not rows and not outputs:
+        return _note("No value lies at a bound, and nothing is locked or pinned.")
+    linear = table(["parameter", "limit", "values", "where"], rows, words=4, class_="where") if rows else None
+    return element("div", linear, outputs)
+
+
+def _linear(subject: Subject) -> Iterator[list[str]]:
+    """Pins, and the shapes and equalities that press."""
     for pin in subject.problem.pins:
         where = ", ".join(recorded(x) for x in pin.at)
-        rows.append([pin.parameter, f"pinned to {recorded(pin.value)}", "1", f"at {where}" if where else ""])
-    if not rows:
-        return _note("No value lies at a bound, and nothing is locked or pinned.")
-    return table(["parameter", "limit", "values", "where"], rows, words=4)
+        yield [pin.parameter, f"pinned to {recorded(pin.value)}", "1", f"at {where}" if where else ""]
+    for held in pressing(subject.problem, subject.parameters):
+        constraint = held.constraint
+        if isinstance(constraint, Equality):
+            names = ", ".join(dict.fromkeys(term.parameter for term in constraint.terms))
+            yield [names, f"equality {constraint}", "", ""]
+        elif held.active:
+            axis = "xyzw"[constraint.axis]
+            ends = f"from {recorded(constraint.lower)} to {recorded(constraint.upper)}"
+            prefix = f"{constraint.kind} of {constraint.parameter} along {axis} "
+            listed = "; ".join(name.removeprefix(prefix) for name in held.active[:MOST_LISTED])
+            more = f" and {len(held.active) - MOST_LISTED} more" if len(held.active) > MOST_LISTED else ""
+            limit = f"{constraint.kind} along {axis} {ends}"
+            yield [constraint.parameter, limit, f"{len(held.active)} of {held.rows}", listed + more]
+
+
+def _outputs(subject: Subject) -> Html | None:
+    """How far the limited outputs come to their limits."""
+    before = output_ranges(subject.problem, subject.problem.parameters)
+    after = output_ranges(subject.problem, subject.parameters)
+    rows = [
+        [
+            new.limit.node,
+            f"{recorded(new.limit.lower)} to {recorded(new.limit.upper)}",
+            new.limit.where or "everywhere",
+            str(new.samples),
+            *(f"{shown(one.least)} to {shown(one.greatest)}" for one in (old, new)),
+            *(str(one.beyond) for one in (old, new)),
+        ]
+        for old, new in zip(before, after, strict=True)
+    ]
+    head = ["output", "limit", "where", "samples", "range before", "range after", "beyond before", "beyond after"]
+    return table(head, rows, words=3, class_="wide") if rows else None
 
 
 def _places(parameter: Parameter, at: Any) -> str:

@@ -1,7 +1,7 @@
 """What was asked for: the settings of a project that differ from their defaults, as rows of a table."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -13,32 +13,41 @@ __all__ = ["settings"]
 
 Row = tuple[str, str, str]  # section, key, value
 
-_HIDDEN = ("place", "findings")
+_HIDDEN = ("path", "name", "place", "findings")
+_SINGULAR = {"criteria": "criterion", "equalities": "equality"}
 
 
 def settings(project: Project) -> list[Row]:
-    """Every setting that was given, section by section, as the project file calls them."""
-    file = project.file
-    rows = [*_entry("model", file.model)]
-    rows += [("channels", name, channel) for name, channel in file.channels.items()]
-    rows += [("calculated", name, text) for name, text in file.calculated.items()]
-    for dataset in file.datasets:
-        rows += _entry(f"dataset {dataset.name}".strip(), dataset)
-    rows += _entry("calibration", file.calibration)
-    for name, axis in file.axes.items():
-        rows += _entry(f"axes.{name}", axis)
-    for name, parameter in file.parameters.items():
-        rows += _entry(f"parameters.{name}", parameter)
-    for criterion in file.criteria:
-        rows += _entry(f"criterion {criterion.node}", criterion)
-    rows += _entry("optimizer", file.optimizer, complete=True)
+    """Every setting that was given, section by section, under the names of the project file's parts."""
+    rows: list[Row] = []
+    for field in fields(project.file):
+        value = getattr(project.file, field.name)
+        if field.name not in _HIDDEN:
+            rows += _part(field.name, value)
     return rows
+
+
+def _part(name: str, value: Any) -> Iterator[Row]:
+    """A section, a table of sections, or a list of them."""
+    if is_dataclass(value):
+        yield from _entry(name, value, complete=name == "optimizer")
+    elif isinstance(value, Mapping):
+        for key, inner in value.items():
+            if is_dataclass(inner):
+                yield from _entry(f"{name}.{key}", inner)
+            else:
+                yield name, key, worded(inner)
+    elif isinstance(value, tuple):
+        for number, inner in enumerate(value, 1):
+            if is_dataclass(inner):
+                called = getattr(inner, "name", "") or getattr(inner, "node", "") or str(number)
+                yield from _entry(f"{_SINGULAR.get(name, name.removesuffix('s'))} {called}", inner)
 
 
 def _entry(section: str, entry: Any, *, complete: bool = False) -> Iterator[Row]:
     for field in fields(entry):
         value = getattr(entry, field.name)
-        if field.name in _HIDDEN or value is None or (field.name == "name" and section.endswith(str(value))):
+        if field.name in _HIDDEN or value is None:
             continue
         if complete or not _is_default(value, field):
             yield section, field.name, worded(value)

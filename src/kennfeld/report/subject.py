@@ -165,8 +165,13 @@ class Subject:
         return False
 
 
-def subject(project: Project, result: Result | None, findings: Sequence[Finding] = ()) -> Subject:
-    """Compute what a report tells. Raises `InputError` where the project has no problem to compute."""
+def subject(
+    project: Project, result: Result | None, findings: Sequence[Finding] = (), trust: TrustView | None = None
+) -> Subject:
+    """Compute what a report tells; the trust is that of the result unless another is given.
+
+    Raises `InputError` where the project has no problem to compute.
+    """
     problem = project.problem()
     start = problem.parameters if result is None else result.start
     parameters = start if result is None else result.parameters
@@ -175,7 +180,8 @@ def subject(project: Project, result: Result | None, findings: Sequence[Finding]
     before = evaluator.series(start)
     after = before if result is None else evaluator.series(parameters)
     lookups = Lookups(problem, parameters, evaluator.values if small else ())
-    trust = view(None if result is None else result.trust)
+    if trust is None:
+        trust = view(None if result is None else result.trust)
     tallied = tally(lookups, parameters, after)
     return Subject(
         project=project,

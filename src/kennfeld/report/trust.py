@@ -4,9 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from kennfeld.arrays import Bool, Float, Int
 
 __all__ = ["Direction", "TrustView", "view"]
+
+MANY = 2000  # values up to which leverage is asked for: computing it costs their third power
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ def view(trust: Any) -> TrustView:
         return TrustView(informed=trust)
     found = getattr(trust, "directions", ())
     directions = tuple(Direction(str(d.sentence), str(getattr(d, "remedy", ""))) for d in found)
-    parts = ("informed", "samples", "deviation", "leverage", "by_smoothness")
+    values = sum(np.size(array) for array in (getattr(trust, "deviation", None) or {}).values())
+    parts = ["informed", "samples", "deviation", "by_smoothness", *(["leverage"] if values <= MANY else [])]
     known = {name: getattr(trust, name, None) for name in parts}
     return TrustView(directions=directions, **{n: v for n, v in known.items() if isinstance(v, Mapping)})

@@ -60,6 +60,7 @@ DRAW.parameter = (host, f) => {
 };
 
 function deviationText(value) {
+  if (value === null) return "standard deviation: not known";
   if (value === -1) return "standard deviation: not determined";
   return value === 0 ? "standard deviation 0: held by a limit" : `standard deviation ${say(value, 3)}`;
 }
@@ -115,8 +116,8 @@ function curve(host, f, direction, flat, words) {
   const changed = JSON.stringify(f.before) !== JSON.stringify(f.after);
   const after = numbers(pick(f.after)), layers = [];
   if (f.deviation) {
-    const by = pick(f.deviation).map((value) => (value >= 0 ? 2 * value : NaN));
-    const open = axis.points.filter((_, k) => Number.isNaN(by[k]));
+    const spread = pick(f.deviation), by = spread.map((value) => (value !== null && value >= 0 ? 2 * value : NaN));
+    const open = axis.points.filter((_, k) => spread[k] === -1);
     if (open.length) layers.push({ type: "upright", name: "not determined", colour: "#c98a1b", dash: [3, 3], at: open });
     layers.push({ type: "band", name: "± 2 standard deviations", colour: COLOUR.after, alpha: 0.15, x, y: after.map((v, k) => v + by[k]), y2: after.map((v, k) => v - by[k]) });
   }
@@ -155,7 +156,7 @@ function fill(host, f, planes, nx, ny, flat, state, words) {
     before: (k) => f.before[k],
     change: (k) => f.after[k] - f.before[k],
     relative: (k) => (f.before[k] ? (100 * (f.after[k] - f.before[k])) / Math.abs(f.before[k]) : null),
-    deviation: (k) => (f.deviation[k] === -1 ? null : f.deviation[k]),
+    deviation: (k) => (f.deviation[k] === -1 ? Infinity : f.deviation[k]),
     samples: (k) => f.samples[k],
   }[state.mode];
   const all = [];
@@ -172,7 +173,7 @@ function fill(host, f, planes, nx, ny, flat, state, words) {
   };
   const places = state.mode === "samples" ? 0 : most > 0 ? Math.max(0, Math.min(8, 3 - Math.floor(Math.log10(most)))) : 0;
   const text = (v) => {
-    if (!Number.isFinite(v)) return state.mode === "deviation" ? "∞" : "–";
+    if (!Number.isFinite(v)) return v === Infinity ? "∞" : "–";
     return most >= 1e7 || (most > 0 && most < 1e-5) ? v.toExponential(2) : v.toFixed(places);
   };
   const cell = (i, j) => {
