@@ -297,3 +297,38 @@ def test_creases_of_a_chain_are_smoothed_while_its_free_axis_is_dense():
     )
     result = kf.calibrate("m = Eta(v - Best(u))", {"u": u, "v": v, "y": target}, start, target="y")
     assert result.quality[0].rmse_after < 0.005
+
+
+def cost_of(result):
+    """The cost of the parameters of a result, from its simulation."""
+    data = bent()
+    reached = kf.simulate("m = C(x)", data, result.parameters)["m"].values
+    return float(np.sum((reached - data["y"]) ** 2))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_several_starts_keep_the_breakpoints_of_the_best(workers):
+    result = fitted(even(), options=kf.Options(starts=3, workers=workers))
+    np.testing.assert_allclose(points(result), KINKS, atol=0.02)
+    assert cost_of(result) == pytest.approx(result.cost_after, rel=1e-9)
+    best = min(result.starts, key=lambda row: row.cost_after)
+    assert best.cost_after == pytest.approx(result.cost_after, rel=1e-9)
+
+
+def test_breakpoints_stand_still_in_a_step_that_reduces_the_grid_and_move_in_the_next():
+    steps = (kf.Step(name="few", grid_reduction=2), kf.Step(name="all"), kf.Step(name="again"))
+    result = fitted(even(), options=kf.Options(steps=steps))
+    stages = {line.stage.split(": ")[1] for line in result.trace if line.stage.startswith("few")}
+    assert "placed" not in stages
+    np.testing.assert_allclose(points(result), KINKS, atol=0.02)
+    assert cost_of(result) == pytest.approx(result.cost_after, rel=1e-9)
+
+
+def test_breakpoints_that_a_step_left_behind_stay_where_they_are_in_the_next():
+    data = bent()
+    data["y"] += 3.0
+    start = kf.ParameterSet([even(), kf.Scalar("k", 0.0)])
+    steps = (kf.Step(free=["C"]), kf.Step(free=["k"]))
+    result = kf.calibrate("m = C(x) + k", data, start, target="y", options=kf.Options(steps=steps))
+    np.testing.assert_allclose(points(result), KINKS, atol=0.02)
+    assert result.quality[0].rmse_after == pytest.approx(0.05, rel=0.1)

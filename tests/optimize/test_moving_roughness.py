@@ -11,6 +11,7 @@ from kennfeld.parameters import Axis, Curve, Map, ParameterSet
 
 FACTORS = {"M": (0.7, 0.0), "C": (3.0,)}
 X, Y = AxisKey("A"), AxisKey("M", "y")
+PLACES = {X: ("M", 0), Y: ("M", 1)}
 
 
 def tables(seed, nx=5, ny=4):
@@ -22,7 +23,7 @@ def tables(seed, nx=5, ny=4):
 
 def order(nx=5, ny=4):
     at = nx * ny
-    return Values({"M": 0, "C": at}, at + 2 * nx + ny, 0, at + 2 * nx + ny, {X: at + nx, Y: at + 2 * nx})
+    return Values({"M": 0, "C": at}, at + 2 * nx + ny, 0, at + 2 * nx + ny, {X: at + nx, Y: at + 2 * nx}, PLACES)
 
 
 def still(parameters, values, factors=FACTORS):
@@ -60,7 +61,8 @@ def test_slopes_are_those_of_finite_differences(seed, nx, ny):
 def test_a_straight_surface_has_no_roughness_wherever_its_breakpoints_are():
     x = Axis([0.0, 1.0, 4.0, 5.0], free=True)
     held = ParameterSet([Curve("C", x, 2 * x.breakpoints + 1)])
-    values = Values({"C": 0}, 8, 0, 8, {AxisKey("C", "x"): 4})
+    key = AxisKey("C", "x")
+    values = Values({"C": 0}, 8, 0, 8, {key: 4}, {key: ("C", 0)})
     made = roughness_of(held, values, {"C": (1.0,)})
     other = with_breakpoints(held, {AxisKey("C", "x"): np.array([0.0, 3.0, 4.5, 5.0])})
     straight = other.with_parameters(other["C"].with_values(2 * other["C"].axes[0].breakpoints + 1))

@@ -1,10 +1,12 @@
 """Breakpoints that are fitted: the keys of an axis that say so."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from kennfeld.calfiles import read as read_parameters
 from kennfeld.parameters import Axis, Curve, Scalar
 from kennfeld.project.results import write
 
@@ -135,3 +137,43 @@ def test_a_project_fits_breakpoints_and_writes_them(shop, tmp_path):
     moved = json.loads((tmp_path / "results" / "result.json").read_text())["breakpoints"]["Gain.x"]
     assert (moved["before"][1], moved["after"][1]) == (2000.0, written["Gain"]["x"][1])
     assert result.quality[0].rmse_after < 1e-4
+
+
+def test_pins_and_gradients_go_with_free_breakpoints(shop):
+    speed = np.linspace(1000, 3000, 201)
+    load = 10.0 + np.arange(speed.size) % 4
+    torque = np.interp(speed, [1000, 1370, 2600, 3000], [1, 2, 2.5, 4]) * load + 5
+    shop.bench("bench.csv", speed, **{"Load": load, "Torque [Nm]": torque})
+    more = "initial = 1.0\npin = [{ at = [1000], value = 1.0 }]\ngradient = { x = [0, 0.0025] }"
+    gain(shop, "{ begin = 1000, end = 3000, count = 5, free = true }", more)
+    result = shop.project.calibrate()
+    table = result.parameters["Gain"]
+    slopes = np.diff(table.values) / np.diff(table.axes[0].breakpoints)
+    assert slopes.min() >= -1e-12
+    assert slopes.max() <= 0.0025 * (1 + 1e-8)
+    assert table.values[0] == pytest.approx(1.0, abs=1e-9)
+    assert "Gain.x" in result.moved
+
+
+def test_the_result_of_parameters_from_a_file_still_tells_what_moved(shop):
+    shop.values(
+        "start.json", Curve("Gain", Axis([1000, 2000, 3000], name="AxisSpeed"), [1.0] * 3), Scalar("offset", 0.0)
+    )
+    result = gain(shop, '{ breakpoints = "free" }').project.calibrate()
+    result.parameters.save(shop.folder / "end.json")
+    again = replace(result, parameters=read_parameters(shop.folder / "end.json"))
+    assert again.moved.keys() == result.moved.keys()
+    np.testing.assert_array_equal(again.moved["AxisSpeed"][1], result.moved["AxisSpeed"][1])
+
+
+def test_a_saved_search_goes_on_with_the_breakpoints_it_had(shop):
+    speed = np.linspace(1000, 3000, 201)
+    load = 10.0 + np.arange(speed.size) % 4
+    torque = np.interp(speed, [1000, 1370, 3000], [1, 2, 3]) * load + 5
+    shop.bench("bench.csv", speed, **{"Load": load, "Torque [Nm]": torque})
+    gain(shop, '{ breakpoints = "free" }').add("[optimizer]\nsave_every = 1")
+    first = shop.project.calibrate()
+    again = shop.project.calibrate(resume=True)
+    np.testing.assert_allclose(again.parameters["Gain"].axes[0].breakpoints, [1000, 1370, 3000], atol=1e-3)
+    assert again.cost_after <= first.cost_after * (1 + 1e-6) + 1e-12
+    assert len(again.trace) < len(first.trace)

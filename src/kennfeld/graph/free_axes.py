@@ -12,7 +12,18 @@ from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet
 
-__all__ = ["DIRECTIONS", "AxisKey", "FreeAxis", "free_axes", "freed", "key_of", "with_breakpoints"]
+__all__ = [
+    "DIRECTIONS",
+    "AxisKey",
+    "FreeAxis",
+    "free_axes",
+    "freed",
+    "key_of",
+    "labelled",
+    "standing",
+    "with_breakpoints",
+    "with_labelled",
+]
 
 DIRECTIONS = ("x", "y", "z", "w")
 
@@ -85,6 +96,32 @@ def with_breakpoints(parameters: ParameterSet, moved: Mapping[AxisKey, Float]) -
 
 def _moved(axis: Axis, breakpoints: Float | None) -> Axis:
     return axis if breakpoints is None else axis.changed(breakpoints=breakpoints)
+
+
+def labelled(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:
+    """Breakpoints under names that no parameter has, to stand beside the values of tables."""
+    return {f"axis {key}": points for key, points in breakpoints.items()}
+
+
+def with_labelled(parameters: ParameterSet, values: Mapping[str, Float]) -> ParameterSet:
+    """The set with the breakpoints among some values, see `labelled`; only those of axes marked as free."""
+    moved = {key: values[f"axis {key}"] for key in free_axes(parameters) if f"axis {key}" in values}
+    return with_breakpoints(parameters, moved)
+
+
+def standing(parameters: ParameterSet, keys: Iterable[AxisKey]) -> ParameterSet:
+    """The set with some axes no longer marked as free."""
+    still = set(keys)
+    changed = [
+        member.changed(
+            axes=tuple(
+                axis.changed(free=False) if key_of(member, i) in still else axis for i, axis in enumerate(member.axes)
+            )
+        )
+        for member in parameters.values()
+        if any(key_of(member, i) in still for i in range(len(member.axes)))
+    ]
+    return parameters.with_parameters(*changed)
 
 
 def freed(parameters: ParameterSet, patterns: Iterable[str]) -> ParameterSet:

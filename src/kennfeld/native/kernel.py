@@ -26,7 +26,7 @@ class Values:
     """All values of the looked-up parameters in one array: those of free parameters first, as columns of J.
 
     Parameters that can reach a state come before the others; `reach` counts their values. Breakpoints of axes marked as
-    free stand among them, at `moving`.
+    free stand among them, at `moving`; `places` says in which table and direction each such axis is found.
     """
 
     offsets: dict[str, int]
@@ -34,6 +34,7 @@ class Values:
     reach: int
     total: int
     moving: Mapping[AxisKey, int] = field(default_factory=dict)
+    places: Mapping[AxisKey, tuple[str, int]] = field(default_factory=dict)
 
     def pack(self, parameters: ParameterSet) -> Float:
         """The array that holds these parameters."""
@@ -41,12 +42,14 @@ class Values:
         for name, at in self.offsets.items():
             values = parameters[name].values
             flat[at : at + values.size] = values.ravel()
-        if self.moving:
-            axes = free_axes(parameters)
-            for key, at in self.moving.items():
-                points = axes[key].axis.breakpoints
-                flat[at : at + points.size] = points
+        for key, at in self.moving.items():
+            points = self._points(key, parameters)
+            flat[at : at + points.size] = points
         return flat
+
+    def _points(self, key: AxisKey, parameters: ParameterSet) -> Float:
+        table, which = self.places[key]
+        return parameters[table].axes[which].breakpoints
 
     def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
         """The set with the free values and breakpoints replaced."""
@@ -60,9 +63,8 @@ class Values:
 
     def breakpoints(self, flat: Float, parameters: ParameterSet) -> dict[AxisKey, Float]:
         """The free breakpoints of each axis."""
-        free = [(key, at) for key, at in self.moving.items() if at < self.free]
-        axes = free_axes(parameters) if free else {}
-        return {key: flat[at : at + len(axes[key].axis)] for key, at in free}
+        free = {key: at for key, at in self.moving.items() if at < self.free}
+        return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
 
 
 def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> Values:
@@ -87,7 +89,8 @@ def order_values(line: Linearization, parameters: ParameterSet, used: Collection
         ends.append(at)
     offsets = {name: at for name, at in first.items() if isinstance(name, str)}
     moving = {key: at for key, at in first.items() if not isinstance(key, str)}
-    return Values(offsets, free=ends[1], reach=ends[0], total=at, moving=moving)
+    places = {key: axes[key].places[0] for key in moving}
+    return Values(offsets, free=ends[1], reach=ends[0], total=at, moving=moving, places=places)
 
 
 def _owner(atom: Node) -> str | AxisKey:

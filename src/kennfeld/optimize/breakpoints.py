@@ -101,9 +101,9 @@ def rising(order: Rows, values: Float) -> bool:
 def told(axes: Mapping[AxisKey, FreeAxis], parameters: ParameterSet) -> str:
     """Sentences on breakpoints that ended as close as they may: fewer would do as well."""
     parts = []
-    after = free_axes(parameters) if axes else {}
     for key, before in axes.items():
-        points, least = after[key].axis.breakpoints, before.axis.least_distance
+        table, which = before.places[0]
+        points, least = parameters[table].axes[which].breakpoints, before.axis.least_distance
         gaps = np.diff(points)
         close = np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
         if close.size and not np.array_equal(points, before.axis.breakpoints):

@@ -237,7 +237,7 @@ class Run:
             seconds=time.perf_counter() - self.began,
         )
         self.trace.append(entry)
-        if self.watch is not None:
+        if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
             self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)

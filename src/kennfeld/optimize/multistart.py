@@ -9,6 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.graph.free_axes import labelled
 from kennfeld.optimize import calibration
 from kennfeld.optimize.calibration import Options, Progress, Run
 from kennfeld.optimize.gauss_newton import Descent, Status
@@ -142,7 +143,10 @@ class _Multistart:
             found[name] = np.where(self.whole.parameters[name].locked, own, values)
         if findings:
             raise InputError(findings)
-        return found
+        axes = self.whole.free_axes.items()
+        own_points = labelled({key: axis.axis.breakpoints for key, axis in axes})
+        moved = {n: v for n, v in saved.values.items() if n in own_points and v.shape == own_points[n].shape}
+        return found | moved
 
     def _report(self, line: TraceLine) -> None:
         line = replace(line, seconds=time.perf_counter() - self.began)

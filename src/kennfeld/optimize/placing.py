@@ -30,7 +30,7 @@ __all__ = ["Placing", "coarse"]
 
 ROUNDS = 3
 GAIN = 1e-3  # relative fall of the cost for which another round is worth its time
-RIDGE = 1e-10  # of each curvature, for what no data can tell apart
+RIDGE = 1e-4  # of each curvature: what no data can tell apart stays near, where the quadratic model holds
 STIFFNESS = 1e-6  # of the mean curvature: what ties values without data to their neighbours
 CREEP = 1e-5  # relative change of the cost at which moving breakpoints only creep from one sample to the next
 Report = Callable[[str, Iteration, Float, Compiled], None]

@@ -59,11 +59,11 @@ def _in_order(problem: Problem) -> Values:
     for name in problem.free_names:
         offsets[name] = end
         end += problem.parameters[name].size
-    moving = {}
+    moving, places = {}, {}
     for key, axis in problem.free_axes.items():
-        moving[key] = end
+        moving[key], places[key] = end, axis.places[0]
         end += len(axis.axis)
-    return Values(offsets, free=end, reach=0, total=end, moving=moving)
+    return Values(offsets, free=end, reach=0, total=end, moving=moving, places=places)
 
 
 def _sizes(values: Float) -> Float:

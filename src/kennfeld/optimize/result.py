@@ -113,8 +113,10 @@ class Result:
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
         """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
-        before, after = free_axes(self.start), free_axes(self.parameters)
-        pairs = {str(key): (before[key].axis.breakpoints, after[key].axis.breakpoints) for key in before}
+        pairs = {}
+        for key, free in free_axes(self.start).items():
+            table, which = free.places[0]
+            pairs[str(key)] = (free.axis.breakpoints, self.parameters[table].axes[which].breakpoints)
         return {name: pair for name, pair in pairs.items() if not np.array_equal(*pair)}
 
     @cached_property

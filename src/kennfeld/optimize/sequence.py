@@ -7,6 +7,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
+from kennfeld.graph.free_axes import free_axes, key_of, labelled, with_labelled
+from kennfeld.graph.free_axes import standing as axes_standing
 from kennfeld.optimize.calibration import Options, Progress, Run
 from kennfeld.optimize.gauss_newton import Descent, Status, Stop
 from kennfeld.optimize.objective import SumOfSquares
@@ -99,6 +101,8 @@ class Climber:
         parameters = holding(variant.parameters, values)
         limits = variant.limits if number == len(self.steps) else ()
         full = standing(replace(variant, parameters=parameters, limits=limits))
+        if self.options.steps:
+            full = _with_axes_standing(full, step)
         tables = [name for name in full.free_names if parameters[name].axes]
         small = reduced(full, {name: step.reduction(parameters[name]) for name in tables})
         if number not in self._runs or not _alike(self._runs[number].problem, small):
@@ -176,8 +180,20 @@ def not_begun(begin: Begin) -> Climb:
 
 
 def holding(parameters: ParameterSet, values: TableValues) -> ParameterSet:
-    """The set with these values."""
-    return parameters.with_parameters(*(parameters[name].with_values(given) for name, given in values.items()))
+    """The set with these values, breakpoints among them."""
+    tables = [parameters[name].with_values(given) for name, given in values.items() if name in parameters]
+    return with_labelled(parameters.with_parameters(*tables), values)
+
+
+def _with_axes_standing(problem: Problem, step: Step) -> Problem:
+    """The problem of a step with the axes standing still that it reduces, or on which a table is not fitted in it."""
+    axes = free_axes(problem.parameters)
+    still = [
+        key
+        for key, axis in axes.items()
+        if step.reduces or not all(name in problem.free_names for name, _ in axis.places)
+    ]
+    return replace(problem, parameters=axes_standing(problem.parameters, still))
 
 
 def _refined(run: Run, values: Float, parameters: ParameterSet) -> dict[str, Float]:
@@ -186,7 +202,8 @@ def _refined(run: Run, values: Float, parameters: ParameterSet) -> dict[str, Flo
     packed[: values.size] = values
     small = run.exact.values.unpack(packed, run.problem.parameters)
     found = refined(small.select(run.problem.free_names), parameters)
-    return {name: np.asarray(found[name].values) for name in run.problem.free_names}
+    moved = labelled(run.exact.values.breakpoints(packed, run.problem.parameters))
+    return {name: np.asarray(found[name].values) for name in run.problem.free_names} | moved
 
 
 def _options(options: Options, step: Step) -> Options:
@@ -198,5 +215,17 @@ def _options(options: Options, step: Step) -> Options:
 
 def _alike(one: Problem, other: Problem) -> bool:
     """Whether parameters that stand still have the same values: some of what is compiled depends on them."""
-    fixed = [name for name in one.model.graph.parameters if name not in one.free_names]
-    return all(np.array_equal(one.parameters[name].values, other.parameters[name].values) for name in fixed)
+    used = list(one.model.graph.parameters)
+    fixed = [name for name in used if name not in one.free_names]
+    return all(_same_axes(one, other, name) for name in used) and all(
+        np.array_equal(one.parameters[name].values, other.parameters[name].values) for name in fixed
+    )
+
+
+def _same_axes(one: Problem, other: Problem, name: str) -> bool:
+    """Whether the axes of a table that stand still are where they were."""
+    table, moved = one.parameters[name], other.parameters[name]
+    return all(
+        key_of(table, i) in one.free_axes or np.array_equal(axis.breakpoints, moved.axes[i].breakpoints)
+        for i, axis in enumerate(table.axes)
+    )

@@ -79,7 +79,7 @@ def distance(values: Mapping[str, Float], best: Mapping[str, Float]) -> float:
     of its best values (1 where these are 0). A map counts as much as a scalar.
     """
     shares = []
-    for name, reference in best.items():
+    for name, reference in ((name, best[name]) for name in best if name in values):
         size = float(np.max(np.abs(reference), initial=0.0)) or 1.0
         shares.append(float(np.mean(((values[name] - reference) / size) ** 2)))
     return float(np.sqrt(np.mean(shares))) if shares else 0.0

@@ -15,10 +15,13 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_values import write_json
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Saved, StartResult
+from kennfeld.optimize.sequence import holding
 from kennfeld.parameters import ParameterSet, Text
 
 __all__ = ["Found", "Saves"]
@@ -90,7 +93,8 @@ class Saves:
 
         A state that cannot be written does not end the search; `missed` says so.
         """
-        values = [parameters[name].with_values(found) for name, found in saved.values.items()]
+        held = holding(parameters, saved.values)
+        values = [held[name] for name in saved.values if name in held]
         note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark}))
         content = ParameterSet(values, texts=[note])
         last = "end" if saved.ended else f"{saved.iteration:06d}"
@@ -117,7 +121,9 @@ class Saves:
 def _note(saved: Saved) -> dict[str, Any]:
     plain = {name: getattr(saved, name) for name in ("start", "step", "iteration", "stage")}
     ended = None if saved.ended is None else {name: _number(value) for name, value in asdict(saved.ended).items()}
-    return plain | {"cost": _number(saved.cost), "free": list(saved.values), "ended": ended}
+    tables = [name for name in saved.values if not name.startswith("axis ")]
+    axes = {name: found.tolist() for name, found in saved.values.items() if name not in tables}
+    return plain | {"cost": _number(saved.cost), "free": tables, "axes": axes, "ended": ended}
 
 
 def _number(value: Any) -> Any:
@@ -135,7 +141,8 @@ def _read(path: Path) -> tuple[Saved, str]:
         iteration=note["iteration"],
         stage=note["stage"],
         cost=inf if note["cost"] is None else note["cost"],
-        values={name: content[name].values for name in note["free"]},
+        values={name: content[name].values for name in note["free"]}
+        | {name: np.array(points, dtype=np.float64) for name, points in note.get("axes", {}).items()},
         ended=None if row is None else _row(row),
         name=f"{FOLDER}/{path.name}",
     )

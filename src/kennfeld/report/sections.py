@@ -147,7 +147,7 @@ def _fit(subject: Subject, pictures: Pictures) -> Html:
 def _samples(series: Series) -> str:
     scored, kept = int(series.scored.sum()), series.bound.count
     dropped = series.bound.dataset.samples - kept
-    said = f"{scored} samples" + (f" scored of {kept}" if kept != scored else "")
+    said = f"{scored} sample{'s' * (scored != 1)}" + (f" scored of {kept}" if kept != scored else "")
     return said + (f", {dropped} left out for lack of an input" if dropped else "")
 
 
@@ -165,7 +165,7 @@ def _pictures(before: Series, after: Series, of: Residuals, count: int, pictures
         element(
             "div",
             pictures.place(scatter, f"Calculated over measured.{some}", f"calculated over measured, {name}"),
-            pictures.place(figures.histograms(before, after), "Errors before and after.", f"errors on {name}"),
+            pictures.place(figures.histograms(before, after), "How the errors are spread.", f"errors on {name}"),
             class_="row two",
         ),
     ]
@@ -282,8 +282,10 @@ def _parameters(subject: Subject, pictures: Pictures) -> tuple[Html, list[tuple[
     content = element(
         "div",
         _note(
-            "The parameters that were fitted, the greatest change first. The relative change is the root mean square "
-            "of the change over that of the values."
+            "The parameters that are free to be fitted."
+            if subject.result is None
+            else "The parameters that were fitted, the greatest change first. The relative change is the root mean "
+            "square of the change over that of the values."
         ),
         _overview(tables) if tables else None,
         [element("h4", "Scalars"), _scalar_table(scalars)] if scalars else None,

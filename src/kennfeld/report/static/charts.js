@@ -96,7 +96,7 @@ class Chart {
   drawPane(pen, frame, last) {
     const { pane, left, top, width, height, x, y } = frame;
     const xs = ticks(x[0], x[1], Math.max(3, width / 80)).filter((value) => !this.spec.x.whole || Number.isInteger(value));
-    const ys = pane.log ? logTicks(y[0], y[1]) : ticks(y[0], y[1], Math.max(2, height / 32));
+    const ys = pane.log ? logTicks(y[0], y[1]) : ticks(y[0], y[1], Math.max(2, height / 32)).filter((value) => !pane.floor || Number.isInteger(value));
     pen.strokeStyle = COLOUR.grid;
     pen.lineWidth = 1;
     pen.beginPath();
@@ -222,6 +222,8 @@ const LAYERS = {
       const x = frame.px(layer.x[i]), y = frame.py(value);
       if (!down || (breaks && breaks.has(layer.x[i]))) pen.moveTo(x, y); else pen.lineTo(x, y);
       down = true;
+      // a lone point between gaps is no line
+      if (!Number.isFinite(layer.y[i - 1]) && !Number.isFinite(layer.y[i + 1])) pen.rect(x - 0.8, y - 0.8, 1.6, 1.6);
     }
     pen.stroke();
     pen.setLineDash([]);
@@ -326,7 +328,7 @@ const DRAW = {
     const trace = (name) => numbers(f[name]);
     const steady = !f.time && f.whole;
     const lay = (name, label, colour, more) =>
-      ({ type: "line", name: label, colour, x, y: trace(name), width: f.whole ? 1.1 : 0.9, breaks, ...more });
+      ({ type: "line", name: label, colour, x, y: trace(name), width: f.whole ? 1.1 : 0.9, breaks, dots: f.whole && x.length <= 200, size: 1.8, ...more });
     const pieces = { type: "upright", colour: "#c9ced4", at: f.pieces, dash: [3, 3] };
     const same = JSON.stringify(f.before) === JSON.stringify(f.after);
     const panes = [
@@ -400,7 +402,7 @@ const DRAW = {
     const grid = make("div", { class: "three" });
     host.append(grid);
     const one = (heading, panes, parts) => {
-      const cell = make("div", {}, make("div", { class: "heading" }, heading));
+      const cell = make("div", { class: same ? "wide" : "" }, make("div", { class: "heading" }, heading));
       grid.append(cell);
       new Chart(cell, { height: 146, left: 54, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
     };
