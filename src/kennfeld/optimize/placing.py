@@ -8,7 +8,6 @@ From there they move. Because the dense axis holds the breakpoints it was made f
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -95,22 +94,30 @@ class Placing:
     def _round(
         self, at: Float, keys: Collection[AxisKey], limits: Limits, settings: Settings, report: Report
     ) -> Descent:
-        """Dense fit, choice of breakpoints, and the descent from there."""
+        """Dense fit, choice of breakpoints, and the descent from there; an infinite cost where that is not possible."""
         here = replace(self._problem, parameters=self._parameters(at))
         parts = parts_of(here, keys)
+        nowhere = Descent(at, np.inf, "converged", "", 0, 0)
         if not parts:
-            return Descent(at, np.inf, "converged", "", 0, 0)
+            return nowhere
         dense = _Dense(thickened(here, parts))
         found = dense.descend(settings, report, smoothed=self._smoothed)
-        if found is None or found.status in ("stopped", "failed"):
-            return Descent(at, np.inf, "converged", "", 0, 0) if found is None else replace(found, cost=np.inf)
+        if found is None:
+            return nowhere
+        nowhere = replace(nowhere, iterations=found.iterations, evaluations=found.evaluations)
+        if found.status in ("stopped", "failed"):
+            return replace(nowhere, status=found.status, message=found.message)
         chosen, _ = project(self._chosen(here, dense, keys, found.values), limits)
         if chosen is None:
-            return replace(found, cost=np.inf)
-        placed = partial(report, "placed")
-        end = gauss_newton(self._objective, chosen, limits, settings, lambda line, v: placed(line, v, self._exact))
-        effort = {name: getattr(end, name) + getattr(found, name) for name in ("iterations", "evaluations")}
-        return replace(end, **effort)
+            return nowhere
+        end = gauss_newton(
+            self._objective,
+            chosen,
+            limits,
+            settings,
+            lambda line, values: report("placed", line, values, self._exact),
+        )
+        return _better(end, nowhere)
 
     def _parameters(self, at: Float) -> ParameterSet:
         full = self._exact.start.copy()
