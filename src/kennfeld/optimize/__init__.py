@@ -6,9 +6,11 @@ from kennfeld.optimize.criterion import Criterion, Limit, Pin, Target
 from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Quality, Result, Seconds, TraceLine
+from kennfeld.optimize.trust import Direction, Trust
 
 __all__ = [
     "Criterion",
+    "Direction",
     "Limit",
     "Options",
     "Pin",
@@ -20,6 +22,7 @@ __all__ = [
     "Stop",
     "Target",
     "TraceLine",
+    "Trust",
     "calibrate",
     "run",
     "simulate",
