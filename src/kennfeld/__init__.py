@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Limit, Options, Pin, Result, Stop, calibrate, simulate
+    from kennfeld.optimize import Criterion, Limit, Options, Pin, Result, Step, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
 
@@ -45,6 +45,7 @@ __all__ = [
     "Project",
     "Result",
     "Scalar",
+    "Step",
     "Stop",
     "Text",
     "calibrate",
@@ -64,7 +65,7 @@ _ROOMS = {
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
-    "optimize": ("Criterion", "Limit", "Options", "Pin", "Result", "Stop", "calibrate", "simulate"),
+    "optimize": ("Criterion", "Limit", "Options", "Pin", "Result", "Step", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
 }

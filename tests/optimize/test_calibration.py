@@ -6,7 +6,8 @@ import pytest
 import kennfeld as kf
 from kennfeld.optimize.calibration import Options
 from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
 
@@ -33,7 +34,7 @@ def iterates(member, pins=(), text="m = C(x)^3 / 9"):
         pins=tuple(pins),
     )
     exact = Compiled(problem)
-    objective, limits = SumOfSquares(exact), limits_of(problem, exact)
+    objective, limits = SumOfSquares(exact), limits_of(problem, exact.values)
     start, _ = project(objective.start, limits)
     seen = [start]
     gauss_newton(objective, start, limits, Settings(), lambda line, values: seen.append(values.copy()))
@@ -97,7 +98,7 @@ def test_a_start_outside_its_bounds_is_moved_and_that_is_said():
 
 
 def test_a_start_that_misses_a_pin_is_moved_and_that_is_said():
-    assert "pins" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
+    assert "did not keep its limits" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
 
 
 @pytest.mark.parametrize("points", [7, 90], ids=["rows", "normal equations"])

@@ -19,7 +19,7 @@ from kennfeld import (
     read,
     read_parameters,
 )
-from kennfeld.project.results import require_room, write, write_simulation
+from kennfeld.project.results import require_room, write, write_simulation, write_text
 from kennfeld.project.trust_table import COLUMNS
 
 FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
@@ -55,7 +55,8 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     write(result, Line(), tmp_path)
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
-        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality", "trust"),
+        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
+        *("starts", "resumed", "trust"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
@@ -152,6 +153,17 @@ def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.xlsx is no format.*\.parquet or \.csv"):
         write_simulation(Line().simulate(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
+
+
+def test_documents_are_written_with_the_other_files(result, tmp_path):
+    written = write(result, Line(), tmp_path, {"report.html": "<p>Öl</p>\n"})
+    assert sorted(path.name for path in written) == sorted([*FILES, "report.html"])
+    assert (tmp_path / "report.html").read_bytes() == "<p>Öl</p>\n".encode()
+
+
+def test_a_text_is_written_whole_into_a_folder_that_is_made(tmp_path):
+    assert write_text("text", tmp_path / "deep" / "a.html").read_text(encoding="utf-8") == "text"
+    assert everything_in(tmp_path) == {Path("deep/a.html"): b"text"}
 
 
 def test_an_old_result_is_replaced(result, tmp_path):

@@ -64,6 +64,12 @@ class Accumulator:
         threads = min(os.cpu_count() or 1, len(self._shares))
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
+    def prepare(self) -> None:
+        """Compile what `normal` will call, so that no iteration waits for it."""
+        sums = ("backward", "forward") if self.sparse else ("rows",)
+        for name in (*(sums if self.kernel.pattern.carried else ("normal",)), "fold"):
+            getattr(self.kernel.sweeps, name)
+
     def _deal(self) -> list[list[Run]]:
         runs: list[Run] = [[c] for c in self.chunks]
         if self.stateful:

@@ -9,13 +9,17 @@ from kennfeld.arrays import ArrayLike
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
+from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.optimize.binding import bind
-from kennfeld.optimize.calibration import Options, Progress, run
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.calibration import Options, Progress
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.multistart import run
+from kennfeld.optimize.output_limits import check_limits
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
@@ -37,9 +41,11 @@ def calibrate(
     criteria: Sequence[Criterion] = (),
     test: Data | Sequence[Data] = (),
     free: Sequence[str] = ("*",),
+    free_axes: Sequence[str] = (),
     smoothness: float | Smoothness = 0.0,
-    limits: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, tuple[float, float]] | Sequence[Limit] | None = None,
     pins: Sequence[Pin] = (),
+    constraints: Sequence[Shape | Equality] = (),
     channels: Mapping[str, str] | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
@@ -55,11 +61,15 @@ def calibrate(
         criteria: several targets, with weights and losses.
         test: data that are scored, never fitted.
         free: glob patterns of the parameters to fit; the others are kept.
+        free_axes: glob patterns of the axes whose breakpoints to fit: group axes by name, others as `Table.x`. Axes
+            made with `Axis(..., free=True)` are fitted in any case.
         smoothness: factor for all tables, or by parameter, or by parameter and axis.
-        limits: lower and upper bound of all values of a parameter, in its unit, by name.
+        limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
+            training sample, which may be an expression over nodes and channels; or a list of `Limit`.
         pins: values that hold exactly at a coordinate.
+        constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, where the names differ.
-        options: iterations, tolerance, continuation.
+        options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
     Returns:
@@ -70,7 +80,10 @@ def calibrate(
     >>> result.status, round(result.parameters["b"].value, 9)
     ('converged', 2.0)
     """
-    parameters = _bounded(_parameters(start), limits or {})
+    if isinstance(free_axes, str):
+        raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
+    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start), free_axes))
+    parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
     training, scored = _datasets(data, "training"), _datasets(test, "test")
     if target is not None:
@@ -79,7 +92,16 @@ def calibrate(
         raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
     tables = _factors(smoothness, parameters)
     problem = Problem(
-        ready, (*training, *scored), parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}
+        ready,
+        (*training, *scored),
+        parameters,
+        tuple(criteria),
+        tuple(free),
+        tables,
+        tuple(pins),
+        channels or {},
+        tuple(constraints),
+        outputs,
     )
     _check(problem)
     return run(problem, options or Options(), progress)
@@ -122,11 +144,14 @@ def _parameters(given: Start) -> ParameterSet:
     return ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
 
 
-def _bounded(parameters: ParameterSet, limits: Mapping[str, tuple[float, float]]) -> ParameterSet:
-    unknown = [name for name in limits if name not in parameters]
-    if unknown:
-        raise ArgumentError(f"limits: {unknown[0]} is no parameter. {nearest(unknown[0], parameters)}".strip())
-    return parameters.with_parameters(*(parameters[name].with_bounds(*pair) for name, pair in limits.items()))
+def _told_apart(
+    limits: Mapping[str, tuple[float, float]] | Sequence[Limit], parameters: ParameterSet
+) -> tuple[dict[str, tuple[float, float]], tuple[Limit, ...]]:
+    """Bounds of parameters by name, and limits of outputs."""
+    if not isinstance(limits, Mapping):
+        return {}, tuple(limits)
+    bounds = {name: pair for name, pair in limits.items() if name in parameters}
+    return bounds, tuple(Limit(name, *pair) for name, pair in limits.items() if name not in parameters)
 
 
 def _factors(given: float | Smoothness, parameters: ParameterSet) -> dict[str, tuple[float, ...]]:
@@ -186,6 +211,7 @@ def _check(problem: Problem) -> None:
             if node is not None and node not in names:
                 mend = nearest(node, [*names, *channels])
                 findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
+    findings += [] if findings else check_limits(problem)
     if findings:
         raise InputError(findings)
 

@@ -2,37 +2,64 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.output_limits import OutputLimits
+from kennfeld.optimize.placing import Placing, coarse
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.step import Step
 from kennfeld.optimize.threads import blas_threads
 from kennfeld.optimize.trust.inspection import Inspection
+from kennfeld.parameters import ParameterSet
 
-__all__ = ["Options", "Progress", "run"]
+__all__ = ["Options", "Progress", "Run", "run"]
 
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`."""
+    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
+
+    The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
+    and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
+    through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
+    """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    workers: int | None = None
+    steps: tuple[Step, ...] = ()
+    save_every: int = 0
+
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0)):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int | np.integer) and value >= least):
+                raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
+        if not 0 < self.spread < float("inf"):
+            raise ArgumentError(f"spread={self.spread!r} must be a number above 0")
+        object.__setattr__(self, "steps", tuple(self.steps))
 
     @property
     def settings(self) -> Settings:
@@ -48,55 +75,89 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
-    running = _Run(problem, options, progress, seconds or Seconds())
+    running = Run(problem, options, progress, seconds or Seconds())
     with blas_threads(running.exact.values.free):
         return running.result()
 
 
-class _Run:
+Search = Callable[[Float, Limits], Descent]
+
+
+class Run:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
         _require(problem)
         self.problem, self.options, self.progress = problem, options, progress
+        self.watch: Callable[[TraceLine, Float], None] | None = None  # hears of the values as well
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
         smoothed = options.continuation != "off"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
-        self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
         self.weights = self.exact.weights
 
-    def result(self) -> Result:
+    @cached_property
+    def scorer(self) -> Scorer:
+        """What scores its start and its end."""
+        return Scorer(self.problem)
+
+    @cached_property
+    def outputs(self) -> OutputLimits | None:
+        """The limits of outputs, where there are any."""
+        return OutputLimits(self.problem) if self.problem.limits else None
+
+    def moved(self, problem: Problem) -> "Run":
+        """The same run from other values of its free parameters; nothing is compiled again."""
+        other = copy(self)
+        for made_for_one_start in ("scorer", "outputs"):
+            other.__dict__.pop(made_for_one_start, None)
+        other.problem, other.exact = problem, self.exact.moved(problem)
+        other.objective = SumOfSquares(other.exact)
+        other.continuation = self.continuation and self.continuation.moved(other.exact)
+        other.trace = []
+        return other
+
+    def end(self, search: Search | None = None) -> tuple[Descent, str]:
+        """Where the search from the projected start ends, and a remark on that start."""
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
-        before = self.objective.cost(given)
-        infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits)
-        full = self.exact.start.copy()
-        full[: end.values.size] = end.values
-        parameters = self.exact.values.unpack(full, self.problem.parameters)
+        if start is None:
+            return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
+        if search is not None:
+            return search(start, limits), remark
+        return self._limited(self._descend(start, limits), start, limits), remark
+
+    def result(self, search: Search | None = None) -> Result:
+        """The result of the run, or of another search of the same problem."""
+        scorer = self.scorer
+        _ = search or self.outputs
+        self.compile = time.perf_counter() - self.began
+        before = self.objective.cost(self.objective.start)
+        limits = limits_of(self.problem, self.exact.values)
+        end, remark = self.end(search)
+        parameters = self.parameters(end.values)
         informed = self._informed(end)
+        axes = self.problem.free_axes
+        values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
-            message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(informed)) if part
-            ),
+            message=" ".join(part for part in (end.message, remark, _unseen(informed), told(axes, parameters)) if part),
             parameters=parameters,
             start=self.problem.parameters,
-            quality=self.scorer.quality(self.problem.parameters, parameters),
+            quality=scorer.quality(self.problem.parameters, parameters),
             trace=tuple(self.trace),
             iterations=end.iterations,
             evaluations=end.evaluations,
             cost_before=before,
             cost_after=end.cost,
             free_values=int(limits.movable.sum()),
-            fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
+            fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             inspection=self._inspection(end, informed),
         )
@@ -107,7 +168,7 @@ class _Run:
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
         long one is worth its time.
         """
-        settings = self.options.settings
+        settings = coarse(self.options.settings) if self.problem.free_axes else self.options.settings
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
@@ -115,10 +176,34 @@ class _Run:
             ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+        if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
+            placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
+            ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
 
-    def _report(self, stage: str, line: Iteration, values: Float) -> None:
-        cost = line.cost - self.exact.roughness.cost(values)
+    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end moved to where the limits of outputs hold; from there, else from the start."""
+        outputs = self.outputs
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self.parameters(end.values)):
+            return end
+        ends = [end]
+        for at in (end.values, start):
+            ends.append(
+                outputs.descend(self.objective, at, limits, self.options.settings, self.parameters, self._report)
+            )
+            if ends[-1].status != "infeasible":
+                break
+        best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
+        return _with_effort(best, ends)
+
+    def parameters(self, values: Float) -> ParameterSet:
+        """The set with these free values."""
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
+
+    def _report(self, stage: str, line: Iteration, values: Float, compiled: Compiled | None = None) -> None:
+        cost = line.cost - (compiled or self.exact).roughness.cost(values)
         entry = TraceLine(
             iteration=line.iteration,
             start=1,
@@ -131,6 +216,8 @@ class _Run:
             seconds=time.perf_counter() - self.began,
         )
         self.trace.append(entry)
+        if self.watch is not None:
+            self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)
 
@@ -175,6 +262,11 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     elif best.status == "failed":
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
+    return _with_effort(best, ends)
+
+
+def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+    """An end with the iterations and evaluations of all."""
     effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
     return replace(best, **effort)
 
@@ -188,6 +280,7 @@ def _require(problem: Problem) -> None:
         findings.append(
             Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
         )
+    findings += left_behind(problem.free_axes, problem.free_names)
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
     else:

@@ -1,12 +1,12 @@
-"""What the optimizer shall reach, and what it must keep."""
+"""What the optimizer shall reach."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native import Loss
 
-__all__ = ["Criterion", "Limit", "Pin", "Target"]
+__all__ = ["Criterion", "Target"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Criterion:
     """A node that shall follow its target.
 
     Its part of the cost is `weight` times the sum of losses of (node - target) / scale. `loss` is `square`, `huber` or
-    `soft_l1`, the latter two with their `delta` in units of the scale.
+    `soft_l1`, the latter two with their `delta` in units of the scale; or `excess`, the square above the target alone.
 
     >>> Criterion("TorquePredict", "Torque").target
     Target(kind='name', name='Torque', value=0.0)
@@ -60,29 +60,11 @@ class Criterion:
     ) -> None:
         if not 0 <= weight < float("inf"):
             raise ArgumentError(f"weight={weight} of the criterion on {node} must be a number from 0 on")
-        if loss not in ("square", "huber", "soft_l1"):
-            raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber or soft_l1")
+        if loss not in get_args(Loss):
+            raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber, soft_l1 or excess")
         for name, value in (("delta", delta), ("scale", scale)):
             if not 0 < value < float("inf"):
                 raise ArgumentError(f"{name}={value} of the criterion on {node} must be a number above 0")
         settings = {"weight": weight, "loss": loss, "delta": delta, "scale": scale}
         for name, given in ({"node": node, "target": Target.of(target)} | settings).items():
             object.__setattr__(self, name, given)
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Bounds that a node shall keep at every scored sample: `lower <= node <= upper`."""
-
-    node: str
-    lower: float = float("-inf")
-    upper: float = float("inf")
-
-
-@dataclass(frozen=True)
-class Pin:
-    """An equality: the parameter's interpolated value at these coordinates is `value`."""
-
-    parameter: str
-    at: tuple[float, ...]
-    value: float

@@ -1,6 +1,7 @@
 """A calibration problem: model, data, parameters and criteria; and its compiled form."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
@@ -10,14 +11,17 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.graph import OPERATIONS, Builder, Graph
+from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Samples
 from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.breakpoints import Place, fitted_axes
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.gathering import Source, gather
-from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.moving_roughness import roughness_of
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "smoothable"]
@@ -42,6 +46,8 @@ class Problem:
     smoothness: Smoothness = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[Shape | Equality, ...] = ()
+    limits: tuple[Limit, ...] = ()
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -50,9 +56,35 @@ class Problem:
         return tuple(n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
 
     @cached_property
+    def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
+        """The axes whose breakpoints are fitted."""
+        return fitted_axes(self.parameters, self.free_names)
+
+    @property
+    def idle_axes(self) -> list[AxisKey]:
+        """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
+        used = self.model.graph.parameters
+        return [
+            key
+            for key, axis in free_axes(self.parameters).items()
+            if key not in self.free_axes and any(name in used for name, _ in axis.places)
+        ]
+
+    @property
+    def held(self) -> list[Place]:
+        """The places at which pins and equalities fix what a lookup gives."""
+        terms = [term for c in self.constraints if isinstance(c, Equality) for term in c.terms]
+        return [(pin.parameter, pin.at) for pin in self.pins] + [(t.parameter, t.at) for t in terms if t.at is not None]
+
+    @cached_property
     def training(self) -> tuple[Bound, ...]:
         """The training data, bound to the model."""
         return tuple(self.bind(data) for data in self.datasets if data.use == "training" and data.weight > 0)
+
+    @cached_property
+    def gathered(self) -> tuple[Bound, ...]:
+        """The training data as they are compiled: without memory, dropped points stay where they are, not scored."""
+        return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
 
     def bind(self, dataset: Dataset) -> Bound:
         """A dataset as the model reads it."""
@@ -85,7 +117,8 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
-        return np.where(bound.scored & np.isfinite(values), values, np.nan)
+        counts = bound.scored & ~np.isinf(values)
+        return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
         """Smoothness of each axis of a parameter."""
@@ -106,7 +139,7 @@ def _outputs(problem: Problem) -> list[str]:
 def smoothable(problem: Problem) -> bool:
     """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
     lowered = lower(problem.graph, problem.parameters, problem.free_names)
-    needed = split(lowered.graph, _outputs(problem), problem.free_names).graph
+    needed = split(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
@@ -121,8 +154,9 @@ class Compiled:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
         lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
+        fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         outputs = _outputs(problem)
-        self._split = split(lowered.graph, outputs, free)
+        self._split = split(lowered.graph, outputs, fitted)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
         self.kernel = Kernel(
             reduced,
@@ -131,13 +165,13 @@ class Compiled:
                 for name, c in zip(outputs, problem.criteria, strict=True)
             ],
             parameters,
-            free,
+            fitted,
         )
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
         self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
         self.accumulator = Accumulator(self.kernel, self.samples)
         self.values = self.kernel.values
-        self.roughness = Roughness.of(parameters, self.values, {name: problem.factors(name) for name in free})
+        self.roughness = roughness_of(parameters, self.values, {name: problem.factors(name) for name in free})
         self.start = self.values.pack(parameters)
 
     @property
@@ -145,21 +179,35 @@ class Compiled:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [
-            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
-            for piece in samples.pieces
-        ]
+        parts = [samples.scored(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
+
+    def reweighted(self, factors: Float) -> "Compiled":
+        """The same with the weight of each criterion times a factor; nothing is compiled again."""
+        made = copy(self)
+        made.samples = self.samples.reweighted(factors)
+        made.accumulator = Accumulator(self.kernel, made.samples)
+        return made
+
+    def reread_targets(self) -> None:
+        """Take over targets that were changed in place; those made by `reweighted` share them."""
+        self.samples.wanted.reread()
 
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
+    def moved(self, problem: Problem) -> "Compiled":
+        """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
+        other = copy(self)
+        other.problem, other.start = problem, self.values.pack(problem.parameters)
+        return other
+
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
         sources = [
             Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.training
+            for bound in problem.gathered
         ]
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
@@ -174,14 +222,13 @@ class Compiled:
         elif mine == list(theirs):
             samples = other.samples
         else:
-            rows = other.samples.data[[theirs[name] for name in mine]]
-            samples = Samples(rows, other.samples.targets, other.samples.pieces)
+            samples = other.samples.with_inputs([theirs[name] for name in mine])
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
 def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
     """The graph with `dt` a constant where all data have the same even step."""
-    steps = {float(step) for bound in bounds if "dt" in bound.columns for step in _extremes(bound.columns["dt"])}
+    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     if len(steps) != 1:
         return graph
     step = steps.pop()

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kennfeld.arrays import Float
+from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
 if TYPE_CHECKING:
     from kennfeld.optimize.trust import Inspection, Trust
 
-__all__ = ["Quality", "Result", "Seconds", "TraceLine"]
+__all__ = ["Quality", "Result", "Seconds", "StartResult", "TraceLine"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,10 @@ class Quality:
 
 @dataclass(frozen=True)
 class TraceLine:
-    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation."""
+    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation.
+
+    In a sequence the step's name stands before it: `step 1: plain`.
+    """
 
     iteration: int
     start: int
@@ -56,8 +61,37 @@ class Seconds:
 
 
 @dataclass(frozen=True)
+class StartResult:
+    """How one start ended. `distance` is from the best start's values, each parameter relative to its size there."""
+
+    start: int
+    status: Status
+    message: str
+    cost_before: float
+    cost_after: float
+    iterations: int
+    evaluations: int
+    distance: float = float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of "starts" in `result.json`."""
+        return {
+            "start": self.start,
+            "status": self.status,
+            "message": self.message,
+            "iterations": self.iterations,
+            "evaluations": self.evaluations,
+            "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
+            "distance": _number(self.distance),
+        }
+
+
+@dataclass(frozen=True)
 class Result:
-    """The end of a calibration. A fit that fails is a result too: `status` and `message` say why."""
+    """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
+
+    `starts` has a row for each start; `resumed` names the saved states that the search went on from.
+    """
 
     status: Status
     message: str
@@ -73,6 +107,15 @@ class Result:
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
     inspection: "Inspection | None" = field(default=None, repr=False, compare=False)
+    starts: tuple[StartResult, ...] = ()
+    resumed: tuple[str, ...] = ()
+
+    @property
+    def moved(self) -> dict[str, tuple[Float, Float]]:
+        """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
+        before, after = free_axes(self.start), free_axes(self.parameters)
+        pairs = {str(key): (before[key].axis.breakpoints, after[key].axis.breakpoints) for key in before}
+        return {name: pair for name, pair in pairs.items() if not np.array_equal(*pair)}
 
     @cached_property
     def trust(self) -> "Trust":
@@ -87,7 +130,8 @@ class Result:
         return self.status == "converged"
 
     def as_json(self) -> dict[str, Any]:
-        """The contents of `result.json`; numbers that are not finite are None."""
+        """The contents of `result.json`; numbers that are not finite are None. Moved breakpoints come last, if any."""
+        moved = {name: {"before": old.tolist(), "after": new.tolist()} for name, (old, new) in self.moved.items()}
         return {
             "status": self.status,
             "message": self.message,
@@ -97,8 +141,10 @@ class Result:
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
+            "starts": [row.as_json() for row in self.starts],
+            "resumed": list(self.resumed),
             "trust": self.trust.as_json(),
-        }
+        } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
         """The quality as rows of text, the heading first."""
@@ -110,6 +156,18 @@ class Result:
                 *(f"{q.r2_after:.4f}", _four_digits(q.max_abs_after)),
             )
             for q in self.quality
+        ]
+        return [head, *rows]
+
+    def starts_table(self) -> list[tuple[str, ...]]:
+        """The starts as rows of text, the heading first."""
+        head = ("start", "status", "cost before", "cost after", "iterations", "distance")
+        rows = [
+            (
+                *(str(row.start), row.status, f"{row.cost_before:.6g}", f"{row.cost_after:.6g}"),
+                *(str(row.iterations), f"{row.distance:.3g}"),
+            )
+            for row in self.starts
         ]
         return [head, *rows]
 

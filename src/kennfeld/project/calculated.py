@@ -115,7 +115,6 @@ def _simulated(graph: Graph, dataset: Dataset) -> Float:
     bound = bind(dataset, graph, {})
     lowered = lower(graph, ParameterSet())
     simulator = Simulator(lowered, [lowered.graph.names["value"]], ParameterSet())
-    rows = np.array([bound.columns[name] for name in simulator.inputs]).reshape(len(simulator.inputs), bound.count)
     result = np.full(dataset.samples, np.nan)
-    result[bound.kept] = simulator.run(ParameterSet(), rows, bound.starts.tolist())[0]
+    result[bound.kept] = simulator.over(bound.columns, bound.count, ParameterSet(), bound.starts.tolist())[0]
     return result

@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     CalibrationEntry,
     CriterionEntry,
@@ -16,6 +17,7 @@ from kennfeld.project.schema import (
     TargetEntry,
 )
 from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import read_toml
 
@@ -40,11 +42,11 @@ def read_project(path: Path) -> ProjectFile:
         parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
         criteria=_criteria(root),
         optimizer=_optimizer(root),
+        limits=tuple(limit_entry(section) for section in root.sections("limit")),
+        equalities=tuple(equality_entry(section) for section in root.sections("equality")),
+        steps=steps(root),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
-    for key in ("limit", "step"):
-        if root.get(key) not in (None, []):
-            root.report(f"[[{key}]]", f"[[{key}]] {NEXT}", "Remove it.")
     _end(root)
     if any(finding.severity == "error" for finding in findings):
         raise InputError(findings)
@@ -54,10 +56,11 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
+    more = ("limit", "equality", "optimizer", "step")
     for key, value in root.values.items():
-        if key not in (*known, "optimizer", "limit", "step"):
+        if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
-            mend = nearest(key, [*known, "optimizer", "limit", "step"])
+            mend = nearest(key, [*known, *more])
             root.report(f"[{key}]" if what == "section" else key, f"is no {what} that a project file knows", mend)
 
 
@@ -195,16 +198,15 @@ def _optimizer(root: Section) -> OptimizerEntry:
     if section is None:
         return OptimizerEntry()
     section.choice("method", "gauss-newton", ("gauss-newton",), later=("global",))
-    if section.whole("starts", 1, 1) > 1:
-        section.report("starts", f"more than one start {NEXT}", "Write starts = 1.")
-    if section.whole("save_every", 0, 0) > 0:
-        section.report("save_every", f"save_every {NEXT}", "Write save_every = 0.")
-    section.whole("seed", 0, 0)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),
         tolerance=section.number("tolerance", 1e-8, 0.0, above=True),
         continuation="off" if continuation == "off" else "auto",
+        starts=section.whole("starts", 1, 1),
+        seed=section.whole("seed", 0, 0),
+        spread=section.number("spread", 0.5, 0.0, above=True),
+        save_every=section.whole("save_every", 0, 0),
     )
     section.end()
     return entry

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.quadratic import Limits
-from kennfeld.optimize.trust.reduction import Reduction, held
+from kennfeld.optimize.limits import Limits, Rows
+from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
 
 
 def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
@@ -19,11 +19,12 @@ def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
 
 def test_a_bound_may_hold_only_because_of_a_pin():
     """Min (a - 3)^2 + (b - 5)^2 with a + b = 2, a >= 0, b >= 0: at (0, 2) the cost pulls a up, and b more."""
-    limits = Limits(np.zeros(2), np.full(2, np.inf), np.ones((1, 2)), np.array([2.0]))
+    matrix, two = np.ones((1, 2)), np.array([2.0])
+    limits = Limits(np.zeros(2), np.full(2, np.inf), Rows.of(matrix, two, two))
     gradient = np.array([0.0 - 3, 2.0 - 5 - 1])
-    assert held(limits, np.array([0.0, 2.0]), gradient, limits.matrix).tolist() == [True, False]
+    assert held(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [True, False]
     gradient = np.array([-5.0, -1.0])
-    assert held(limits, np.array([0.0, 2.0]), gradient, limits.matrix).tolist() == [False, False]
+    assert held(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [False, False]
 
 
 @settings(deadline=None, max_examples=60)
@@ -52,3 +53,11 @@ def test_what_is_expanded_keeps_the_rows_and_spans_all_that_do(seed, size, count
 def test_a_value_pinned_alone_does_not_move():
     reduction = Reduction.of(np.zeros(3, dtype=bool), np.array([[0.0, 2.0, 0.0]]))
     assert reduction.held.tolist() == [False, True, False]
+
+
+def test_rows_count_where_they_are_met():
+    rows = Rows.of(
+        np.array([[1.0, -1.0], [1.0, 1.0], [2.0, 0.0]]), np.array([0.0, -5.0, 1.0]), np.array([3.0, 2.0, 1.0])
+    )
+    found = active_rows(Limits(np.zeros(2), np.full(2, 9.0), rows), np.array([0.5, 0.5]))
+    assert found.tolist() == [[1.0, -1.0], [2.0, 0.0]]

@@ -24,9 +24,9 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Accumulator
+from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.trust.noise import LEAST, Group, rescored
 from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
 from kennfeld.optimize.trust.spectrum import Spectrum, root
@@ -157,7 +157,7 @@ def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence
     measured = _Measured(compiled, values, groups)
     if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
         return None
-    rows = active_rows(limits)
+    rows = active_rows(limits, values)
     reduction = Reduction.of(held(limits, values, measured.gradient, rows), rows)
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.objective import limits_of
+from kennfeld.optimize.limiting import limits_of
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.threads import blas_threads
@@ -58,10 +58,9 @@ class Inspection:
         full = compiled.start.copy()
         full[: self.values.size] = self.values
         parameters = compiled.values.unpack(full, problem.parameters)
-        errors = zip(problem.datasets, scorer.errors(parameters), strict=True)
-        fitted = [error for data, error in errors if data.use == "training" and data.weight > 0]
+        fitted = [scorer.errors(bound, parameters) for bound in problem.training]
         training = groups(problem.criteria, problem.training, fitted)
-        found = estimate(compiled, limits_of(problem, compiled), self.values, training)
+        found = estimate(compiled, limits_of(problem, compiled.values), self.values, training)
         if found is None:
             return Trust(informed=self.informed)
         touched = compiled.accumulator.touched(full)
@@ -100,6 +99,7 @@ class Inspection:
         told = [
             words.named(w, split(w.change)) if w.amounts else words.nameless(w, split(w.change), split(w.weight))
             for w in weak
+            if any(np.any(part) for part in split(w.weight).values())  # else it moves breakpoints alone
         ]
         return (*idle, *told)
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.optimize.quadratic import Limits
+from kennfeld.optimize.limits import Limits
 
 __all__ = ["Reduction", "active_rows", "held"]
 
+TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
 
 
@@ -22,9 +23,12 @@ def held(limits: Limits, values: Float, gradient: Float, rows: Float) -> Bool:
     return found
 
 
-def active_rows(limits: Limits) -> Float:
-    """Rows a of the linear limits that hold with equality, a'p = b; shape (rows, values)."""
-    return limits.matrix
+def active_rows(limits: Limits, values: Float) -> Float:
+    """Rows a of the linear limits that are met with equality, a'p = b; shape (rows, values)."""
+    rows = limits.rows
+    product, slack = rows.times(values), TOUCHING * rows.size(values)
+    touching = rows.equal | (product <= rows.lower + slack) | (product >= rows.upper - slack)
+    return rows.matrix(np.flatnonzero(touching), values.size)
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ class Trust:
         return found
 
     def __str__(self) -> str:
-        values = sum(array.size for array in self.deviation.values())
+        values = 0 if self.estimate is None else self.estimate.reduction.size  # free breakpoints among them
         noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
         decided = [f"The data decide {self.freedom:.1f} of {values} values."] if values else []
         return "\n".join([*noise, *decided, *map(str, self.directions)])

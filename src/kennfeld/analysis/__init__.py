@@ -1,0 +1,21 @@
+"""What a result is worth: the errors that remain, and where they lie."""
+
+from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
+from kennfeld.analysis.cells import Cells
+from kennfeld.analysis.limits import OutputRange, Pressing, output_ranges, pressing
+from kennfeld.analysis.residuals import Errors, Residuals, Summary, WorstSample, residuals
+
+__all__ = [
+    "Autocorrelation",
+    "Cells",
+    "Errors",
+    "OutputRange",
+    "Pressing",
+    "Residuals",
+    "Summary",
+    "WorstSample",
+    "autocorrelation",
+    "output_ranges",
+    "pressing",
+    "residuals",
+]
