@@ -10,9 +10,11 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Quality, Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.saved import Keep, Saved
 from kennfeld.optimize.step import Step
+from kennfeld.optimize.trust import Direction, Trust
 
 __all__ = [
     "Criterion",
+    "Direction",
     "Equality",
     "Keep",
     "Limit",
@@ -32,6 +34,7 @@ __all__ = [
     "Target",
     "Term",
     "TraceLine",
+    "Trust",
     "calibrate",
     "run",
     "simulate",

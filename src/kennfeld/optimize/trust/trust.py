@@ -89,6 +89,12 @@ class Trust:
         np.fill_diagonal(found, 1.0)
         return found
 
+    def __str__(self) -> str:
+        values = 0 if self.estimate is None else self.estimate.reduction.size  # free breakpoints among them
+        noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
+        decided = [f"The data decide {self.freedom:.1f} of {values} values."] if values else []
+        return "\n".join([*noise, *decided, *map(str, self.directions)])
+
     def as_json(self) -> dict[str, Any]:
         """What `result.json` tells of it; numbers that are not finite are None."""
         return {
