@@ -10,6 +10,7 @@ from benchmarks.table import Table
 
 TOPICS = {
     "torque": "benchmarks.torque",
+    "limits": "benchmarks.limits",
     "scaling": "benchmarks.scaling",
     "states": "benchmarks.states",
     "compile": "benchmarks.compiling",

@@ -1,4 +1,4 @@
-"""Topic `compile`: from formula text to machine code with derivatives, over the size of the model."""
+"""Topic `compile`: from formula text to machine code with derivatives, over nodes and states of the model."""
 
 import time
 from collections import defaultdict
@@ -14,7 +14,7 @@ from benchmarks.table import Table, seconds
 
 __all__ = ["measure", "run"]
 
-SIZES = (1000, 2000, 5000, 10_000)
+MODELS = ((1000, 5), (2000, 5), (5500, 0), (5500, 5), (5500, 127), (11_000, 5))  # about so many nodes, states
 SAMPLES = 200
 REPEATS = 3
 SHORT = 10.0  # s; a model that takes longer is not compiled again
@@ -28,7 +28,7 @@ WATCHED = {  # column: functions whose time it sums, by the module that calls th
 }
 
 
-def measure(nodes: int) -> dict[str, Any]:
+def measure(nodes: int, states: int) -> dict[str, Any]:
     """One model, in a process of its own."""
     from kennfeld.dataset import Dataset
     from kennfeld.models.formula import formula
@@ -36,7 +36,7 @@ def measure(nodes: int) -> dict[str, Any]:
     from kennfeld.optimize.objective import SumOfSquares
     from kennfeld.optimize.problem import Compiled
 
-    content, parameters = random_formula.text(nodes), random_formula.parameters()
+    content, parameters = random_formula.text(nodes, states), random_formula.parameters()
     random = np.random.default_rng(0)
     columns = {name: random.uniform(-2, 2, SAMPLES) for name in random_formula.INPUTS}
     columns["measured"] = random.normal(size=SAMPLES)
@@ -91,7 +91,7 @@ def _timed(work: Callable[..., Any], spent: dict[str, float], column: str) -> Ca
 
 
 def run() -> list[Table]:
-    """All sizes; the run whose total was shortest."""
+    """All models; the run whose total was shortest."""
     columns = (
         "nodes",
         "lookups",
@@ -103,13 +103,13 @@ def run() -> list[Table]:
         "first iteration",
     )
     table = Table("compile: a generated formula with derivatives", (*columns, "threads", "cost"))
-    for size in SIZES:
+    for nodes, states in MODELS:
         runs: list[dict[str, Any]] = []
         while len(runs) < REPEATS and sum(one.get("compile", SHORT) for one in runs) < SHORT:
-            runs.append(apart("benchmarks.compiling:measure", cores=1, nodes=size))
+            runs.append(apart("benchmarks.compiling:measure", cores=1, nodes=nodes, states=states))
         good = [one for one in runs if "error" not in one]
         if not good:
-            table.add(f"about {size}", runs[0]["error"])
+            table.add(f"about {nodes}", runs[0]["error"])
             continue
         found = min(good, key=lambda one: one["parse"] + one["compile"])
         table.add(

@@ -9,17 +9,17 @@ from kennfeld.parameters import Axis, Curve, Map, Parameter, ParameterSet, Scala
 __all__ = ["INPUTS", "parameters", "text"]
 
 INPUTS = ("u", "v", "w")
-CURVES, MAPS, SCALARS, STATES = 12, 8, 20, 5
+CURVES, MAPS, SCALARS = 12, 8, 20
 RECENT = 25  # how far back a line reads
 
 
-def text(nodes: int, seed: int = 0) -> str:
+def text(nodes: int, states: int = 5, seed: int = 0) -> str:
     """A formula text whose graph has about `nodes` nodes."""
     draw = random.Random(seed)
     names: list[str] = list(INPUTS)
     unread: dict[str, None] = {}
     lines, count = [], 0
-    lags = {round(nodes * (i + 0.5) / STATES) for i in range(STATES)}
+    lags = {round(nodes * (i + 0.5) / states) for i in range(states)}
     while count < nodes - 2 * len(unread):
         name = f"n{len(lines)}"
         due = {at for at in lags if at <= count}

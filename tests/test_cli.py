@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -51,7 +52,7 @@ class TestHelp:
         assert cli.run(["--help"]) == 0
         commands = capsys.readouterr().out.partition("Commands:")[2].split("\n")
         names = [line.split()[0] for line in commands if line.strip()]
-        assert names == ["demo", "check", "calibrate", "simulate", "info", "convert"]
+        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert"]
 
     def test_is_what_a_bare_call_shows(self, capsys):
         assert cli.run([]) == 0
@@ -61,7 +62,7 @@ class TestHelp:
         assert cli.run(["--version"]) == 0
         assert capsys.readouterr().out == "kennfeld 0.1.0\n"
 
-    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "info", "convert"])
+    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert"])
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
         assert done.exit_code == 0
@@ -74,7 +75,8 @@ class TestWrongUse:
         [
             (["calibrate"], "Missing argument 'PROJECT'. See kennfeld calibrate --help."),
             (["calibrte", "x"], "Did you mean 'calibrate'? See kennfeld --help."),
-            (["calibrate", "--workers", "3", "x"], "No such option: --workers. See kennfeld calibrate --help."),
+            (["calibrate", "--worker", "3", "x"], "No such option: --worker"),
+            (["calibrate", "--workers", "0", "x"], "Invalid value for '--workers'"),
             (["info", "a", "b"], "See kennfeld info --help."),
             (["demo", "exhaust"], "demo: there is no demo exhaust. The demos are: torque."),
             (["check", "nowhere/kennfeld.toml"], "there is no such project file. Check the path."),
@@ -90,7 +92,7 @@ class TestWrongUse:
         assert err.count("\n") == 1
         assert said in err
 
-    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "info"])
+    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report", "info"])
     def test_a_folder_is_no_file(self, command, tmp_path, capsys):
         assert cli.run([command, str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith(str(tmp_path))
@@ -228,7 +230,7 @@ class TestBadInput:
         assert "Did you mean optimizer?" in err
 
     def test_a_folder_that_takes_no_results_is_found_before_the_search(self, folder, project, capsys, monkeypatch):
-        monkeypatch.setattr("kennfeld.project.Project.calibrate", lambda *_: pytest.fail("searched in vain"))
+        monkeypatch.setattr("kennfeld.project.Project.calibrate", lambda *_, **__: pytest.fail("searched in vain"))
         (folder / "results").write_text("a file", encoding="utf-8")
         assert cli.run(["calibrate", str(project)]) == 2
         assert "results: cannot be written" in capsys.readouterr().err
@@ -291,7 +293,7 @@ class TestCtrlC:
         assert not (folder / "results").exists()
 
     def test_before_the_descent_writes_nothing(self, folder, project, capsys, monkeypatch):
-        monkeypatch.setattr("kennfeld.project.Project.calibrate", lambda *_: signal.raise_signal(signal.SIGINT))
+        monkeypatch.setattr("kennfeld.project.Project.calibrate", lambda *_, **__: signal.raise_signal(signal.SIGINT))
         assert cli.run(["calibrate", str(project)]) == 130
         assert "before there was anything to write" in capsys.readouterr().err
         assert not (folder / "results").exists()
@@ -320,6 +322,101 @@ class TestCtrlC:
         assert found["cost"]["after"] < found["cost"]["before"]
 
 
+class TestSeveralStarts:
+    def test_are_told_of_one_by_one(self, folder, project, capsys):
+        change(project, "[optimizer]", "[optimizer]\nstarts = 3")
+        assert cli.run(["calibrate", str(project), "--workers", "2"]) == 0
+        out, err = capsys.readouterr()
+        assert "Best of 3 starts" in out
+        at = out.splitlines().index("start  status     cost before  cost after  iterations  distance")
+        assert [line.split()[0] for line in out.splitlines()[at + 1 : at + 4]] == ["1", "2", "3"]
+        assert {line[:8] for line in err.splitlines()} == {"start  1", "start  2", "start  3"}
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert [row["start"] for row in found["starts"]] == [1, 2, 3]
+        starts = [line.split(",")[1] for line in (folder / "results" / "trace.csv").read_text().splitlines()[1:]]
+        assert starts == sorted(starts)
+        assert set(starts) == {"1", "2", "3"}
+
+    @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+    def test_stop_at_ctrl_c_together(self, folder, project):
+        change(project, "[optimizer]", "[optimizer]\nstarts = 40")
+        running = subprocess.Popen(
+            [*COMMAND, "calibrate", str(project), "--workers", "2"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        assert "start" in running.stderr.readline()
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does
+        out, err = running.communicate(timeout=120)
+        assert running.returncode == 130
+        assert "stopped: Stopped on request; these are the best values so far. Best of 40 starts" in out
+        assert "Traceback" not in err
+        assert (folder / "results" / "parameters.json").exists()
+
+
+def children(pid):
+    """Processes that a process has started; Linux tells in the file system."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid and fields[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+class TestResume:
+    def wait(self, found):
+        """Until a condition holds."""
+        for _ in range(3000):
+            if found():
+                return
+            time.sleep(0.02)
+        pytest.fail("it never came")
+
+    @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+    @pytest.mark.parametrize("starts", [1, 12])
+    def test_goes_on_after_a_process_was_killed(self, folder, project, capsys, starts):
+        steps = "[[step]]\ngrid_reduction = 2\n[[step]]\n"
+        change(project, "[optimizer]", f"{steps}[optimizer]\nsave_every = 3\nstarts = {starts}")
+        for number in range(30 if starts == 1 else 1):
+            shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
+        change(project, '"bench.csv"', '"bench_*.csv"')
+        running = subprocess.Popen(
+            [*COMMAND, "calibrate", str(project), "--workers", "2"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        saves = folder / "results" / "saves"
+        self.wait(lambda: len(list(saves.glob("*.json"))) >= 4)
+        workers = children(running.pid) if sys.platform == "linux" else []
+        running.kill()
+        assert running.wait(timeout=60) == -signal.SIGKILL
+        assert not (folder / "results" / "result.json").exists()
+        assert len(workers) == (0 if starts == 1 else 2) or sys.platform != "linux"
+        self.wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+        change(project, f"starts = {starts}", f"starts = {min(starts, 3)}\ncontinuation = 'off'")
+        change(project, 'continuation = "auto"', "")
+        assert cli.run(["calibrate", str(project), "--resume"]) == 0
+        out, err = capsys.readouterr()
+        assert "Resumed from saves/1-" in out
+        assert "warning: kennfeld.toml: has changed since the states were saved" in err
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["status"] == "converged"
+        assert found["resumed"][0].startswith("saves/1-")
+        assert found["quality"][0]["rmse_after"] < 1.8
+
+    def test_without_saved_states_is_refused(self, project, capsys):
+        assert cli.run(["calibrate", str(project), "--resume"]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        assert "holds no saved state to resume from. Set save_every in [optimizer]" in err
+
+
 class TestSimulate:
     def test_writes_beside_the_project(self, folder, project, capsys):
         assert cli.run(["simulate", str(project)]) == 0
@@ -339,6 +436,41 @@ class TestSimulate:
     def test_refuses_other_formats(self, project, capsys):
         assert cli.run(["simulate", str(project), "-o", "simulation.xlsx"]) == 2
         assert ".parquet or .csv" in capsys.readouterr().err
+
+
+class TestReport:
+    def test_comes_with_the_other_results(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        assert "report.html" in capsys.readouterr().out
+        text = (folder / "results" / "report.html").read_text(encoding="utf-8")
+        assert text.startswith("<!doctype html>")
+        assert "MapOptTorque" in text
+
+    def test_can_be_made_again_from_the_results(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        (folder / "results" / "report.html").unlink()
+        assert cli.run(["report", str(project)]) == 0
+        assert f"Written to {folder / 'results' / 'report.html'}" in capsys.readouterr().out
+        assert "converged" in (folder / "results" / "report.html").read_text(encoding="utf-8")
+
+    def test_goes_where_it_is_told_to_and_takes_the_results_it_is_told_to(self, folder, project, tmp_path):
+        assert cli.run(["calibrate", str(project), "-o", str(tmp_path / "second")]) == 0
+        target = tmp_path / "for the customer.html"
+        assert cli.run(["report", str(project), "-r", str(tmp_path / "second"), "-o", str(target)]) == 0
+        assert "Nothing has been calibrated yet" not in target.read_text(encoding="utf-8")
+        assert not (folder / "results").exists()
+
+    def test_without_results_tells_about_the_start(self, folder, project):
+        assert cli.run(["report", str(project)]) == 0
+        text = (folder / "results" / "report.html").read_text(encoding="utf-8")
+        assert "Nothing has been calibrated yet" in text
+
+    def test_damaged_results_are_named(self, folder, project, capsys):
+        assert cli.run(["calibrate", str(project)]) == 0
+        (folder / "results" / "result.json").write_text("{", encoding="utf-8")
+        capsys.readouterr()
+        assert cli.run(["report", str(project)]) == 2
+        assert "result.json: is no result of a run" in capsys.readouterr().err
 
 
 class TestInfo:

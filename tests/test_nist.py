@@ -52,6 +52,7 @@ class Certified:
     columns: dict[str, np.ndarray]
     starts: tuple[dict[str, float], dict[str, float]]
     values: dict[str, float]
+    deviations: dict[str, float]
     squares: float
 
 
@@ -65,10 +66,11 @@ def read(name):
     columns = dict(zip(["y", *predictors], numbers, strict=True))
     if response != "y":
         columns["y"] = np.log(columns["y"])
-    rows = re.findall(r"^ +(b\d+) += +(\S+) +(\S+) +(\S+) +\S+\s*$", text, re.MULTILINE)
+    rows = re.findall(r"^ +(b\d+) += +(\S+) +(\S+) +(\S+) +(\S+)\s*$", text, re.MULTILINE)
     starts = tuple({row[0]: float(row[i]) for row in rows} for i in (1, 2))
     squares = float(re.search(r"Residual Sum of Squares:\s+(\S+)", text)[1])
-    return Certified(as_formula(model), columns, starts, {row[0]: float(row[3]) for row in rows}, squares)
+    values, deviations = ({row[0]: float(row[i]) for row in rows} for i in (3, 4))
+    return Certified(as_formula(model), columns, starts, values, deviations, squares)
 
 
 def as_formula(model):
@@ -92,3 +94,6 @@ def test_the_certified_values_are_found(name, start):
     assert found == pytest.approx(problem.values, rel=1e-6, abs=0.0), result.message
     assert result.status == "converged"
     assert result.cost_after == pytest.approx(problem.squares, rel=1e-6, abs=1e-20)
+    if problem.squares > 1e-15:  # less is the rounding of the data
+        deviations = {n: float(result.trust.deviation[n]) for n in problem.values}
+        assert deviations == pytest.approx(problem.deviations, rel=1e-4, abs=0.0)

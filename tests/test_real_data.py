@@ -105,3 +105,22 @@ def test_the_continuation_ends_below_the_plain_descent():
     result, _ = held_out(CHAIN, TEMPERATURE, chain(fitted, TEMPERATURE), fitted, held, 0.3)
     ends = {line.stage: line.cost for line in result.trace}
     assert result.cost_after == ends["exact"] < 0.95 * ends["plain"]
+
+
+def consumption(fitted, held, **freedom):
+    """The held-out error of a map of 8 x 8 breakpoints of the fuel consumption."""
+    name = "specific_fuel_consumption"
+    even = flat("M", fitted, 8, engine()[name].values[fitted].mean())
+    start = kf.ParameterSet([even.changed(axes=tuple(axis.changed(**freedom) for axis in even.axes))])
+    return held_out("y = M(engine_speed, engine_load)", name, start, fitted, held, 0.1)
+
+
+def test_free_breakpoints_meet_held_out_fuel_consumption_better_than_even_ones():
+    errors = []
+    for fitted, held in map(split, range(3)):
+        (even, even_error), (free, free_error) = (consumption(fitted, held, free=free) for free in (False, True))
+        assert free.status == "converged"
+        assert free.cost_after < 0.95 * even.cost_after
+        errors.append((free_error, even_error))
+    mean_free, mean_even = np.mean(errors, axis=0)
+    assert mean_free < 0.98 * mean_even

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
     from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
-    from kennfeld.dataset import Channel, Dataset
+    from kennfeld.dataset import Channel, Dataset, Settling
     from kennfeld.errors import InputError, KennfeldError
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Limit, Options, Pin, Result, Stop, calibrate, simulate
+    from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Step, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
 
@@ -44,8 +44,11 @@ __all__ = [
     "ParameterSet",
     "Pin",
     "Project",
+    "Region",
     "Result",
     "Scalar",
+    "Settling",
+    "Step",
     "Stop",
     "Text",
     "calibrate",
@@ -61,13 +64,13 @@ __version__ = "0.1.0"
 _ROOMS = {
     "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
-    "dataset": ("Channel", "Dataset"),
+    "dataset": ("Channel", "Dataset", "Settling"),
     "errors": ("InputError", "KennfeldError"),
     "graph": ("Graph",),
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
-    "optimize": ("Criterion", "Limit", "Options", "Pin", "Result", "Stop", "calibrate", "simulate"),
+    "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Step", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
 }

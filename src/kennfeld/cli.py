@@ -127,6 +127,13 @@ def calibrate(
             "-o", "--output", help="Folder for the results.", show_default="results beside the project", metavar="DIR"
         ),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(help="Processes for several starts.", min=1, show_default="one a core", metavar="N"),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the states that save_every kept in the results folder.")
+    ] = False,
     folds: Annotated[
         int | None,
         typer.Option(
@@ -148,15 +155,17 @@ def calibrate(
     if parts not in ("auto", "files", "blocks", "random"):
         raise InputError.of("--parts", f"{parts!r} is unknown", "Write auto, files, blocks or random.")
     project, folder = Project.read(path), output or path.parent / "results"
-    status = _calibrate(project, folder)
+    status = _calibrate(project, folder, workers, resume)
     if folds is None or status == INTERRUPTED:
         return status
     return max(status, _cross_validate(project, folder, folds, parts))
 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
+    import json
+
     from kennfeld.analysis import cross_validated
-    from kennfeld.project.results import write_json
+    from kennfeld.project.results import write_text
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
@@ -167,31 +176,41 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
-    path = write_json(found.as_json(), folder / "cross_validation.json")
+    text = json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    path = write_text(f"{text}\n", folder / "cross_validation.json")
     say("", *aligned(found.table()), "", *found.summary(), f"Written to {path}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 
-def _calibrate(project: "Project", folder: Path) -> int:
+def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
     from kennfeld.project.results import require_room, write
+    from kennfeld.report import safely
     from kennfeld.terminal.choices import choices
+    from kennfeld.terminal.findings import left_open
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
 
     require_room(folder)
-    complain(*_sound(project))
+    findings = _sound(project)
+    complain(*findings)
+    if resume:
+        complain(*project.saves(folder).found().findings)
     try:
         with Interrupt() as interrupt:
-            with display("compiling") as shown:
-                result = project.calibrate(interrupt.watch(shown))
-            written = write(result, project, folder)
+            with display("compiling", project.file.optimizer.starts) as shown:
+                result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
+            written = write(result, project, folder, {"report.html": safely(project, result, findings)})
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
-    say(*aligned(result.table()), "", f"{result.status}: {result.message}")
+    say(*aligned(result.table()), "")
+    if len(result.starts) > 1:
+        say(*aligned(result.starts_table()), "")
+    say(f"{result.status}: {result.message}")
     say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
+    say(*left_open(result.trust))
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:
         return INTERRUPTED
@@ -235,6 +254,36 @@ def simulate(
     datasets = project.simulate(None if parameters is None else read(parameters))
     written = write_simulation(datasets, output or path.parent / "simulation.parquet")
     say(*(f"{data.name}: {data.samples} samples" for data in datasets), f"Written to {written}")
+    return DONE
+
+
+@app.command()
+def report(
+    path: ProjectFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="The .html file.", show_default="report.html in the folder", metavar="FILE"
+        ),
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "-r", "--results", help="Folder of the results.", show_default="results beside the project", metavar="DIR"
+        ),
+    ] = None,
+) -> int:
+    """Make the report on the results of an earlier run.
+
+    Without results it tells about the start alone.
+    """
+    from kennfeld.project import Project
+    from kennfeld.project.results import write_text
+    from kennfeld.report import from_folder
+
+    folder = results or path.parent / "results"
+    text = from_folder(Project.read(path), folder)
+    say(f"Written to {write_text(text, output or folder / 'report.html')}")
     return DONE
 
 

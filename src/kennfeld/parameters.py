@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 Extrapolation = Literal["clip", "linear"]
+CLOSEST = 0.05  # of the mean distance of breakpoints, as far as free ones approach each other
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -36,6 +37,10 @@ class Axis:
     """Breakpoints of one direction of a table, strictly increasing.
 
     `name` is set for a group axis, which several tables share; `input` names the quantity on the axis.
+
+    With `free`, a calibration moves the breakpoints. They stay at least `min_distance` apart; None stands for a
+    twentieth of their mean distance, or the smallest where that is less. The first and the last one stay where they are
+    unless `range` gives the limits within which all of them may move.
 
     >>> Axis([700, 1000, 1500], input="Speed", unit="rpm").breakpoints
     array([ 700., 1000., 1500.])
@@ -45,10 +50,25 @@ class Axis:
     input: str = ""
     unit: str = ""
     name: str = ""
+    free: bool = False
+    min_distance: float | None = None
+    range: tuple[float, float] | None = None
 
-    def __init__(self, breakpoints: ArrayLike, input: str = "", unit: str = "", name: str = "") -> None:  # noqa: A002
-        for attribute, given in (("input", input), ("unit", unit), ("name", name)):
+    def __init__(
+        self,
+        breakpoints: ArrayLike,
+        input: str = "",  # noqa: A002
+        unit: str = "",
+        name: str = "",
+        *,
+        free: bool = False,
+        min_distance: float | None = None,
+        range: tuple[float, float] | None = None,  # noqa: A002
+    ) -> None:
+        for attribute, given in (("input", input), ("unit", unit), ("name", name), ("free", bool(free))):
             object.__setattr__(self, attribute, given)
+        object.__setattr__(self, "min_distance", None if min_distance is None else float(min_distance))
+        object.__setattr__(self, "range", None if range is None else (float(range[0]), float(range[1])))
         points = readonly(np.atleast_1d(np.asarray(breakpoints, dtype=np.float64)))
         if points.ndim != 1 or points.size == 0:
             raise ArgumentError(
@@ -64,11 +84,44 @@ class Axis:
                 f"number {at + 2} ({points[at + 1]:g}) does not exceed number {at + 1} ({points[at]:g})"
             )
         object.__setattr__(self, "breakpoints", points)
+        self._check_freedom()
+
+    def _check_freedom(self) -> None:
+        """Whether the start keeps what it shall keep while it moves."""
+        points = self.breakpoints
+        if self.range is not None and not (self.range[0] <= points[0] and points[-1] <= self.range[1]):
+            low, high = self.range
+            raise ArgumentError(
+                f"range=({low:g}, {high:g}) of axis {self.label} must hold all its breakpoints, "
+                f"{points[0]:g} to {points[-1]:g}"
+            )
+        if self.min_distance is None or not self.free:
+            return
+        if not (self.min_distance > 0 and np.isfinite(self.min_distance)):
+            raise ArgumentError(f"min_distance={self.min_distance:g} of axis {self.label} must be a number above 0")
+        gaps = np.diff(points)
+        if gaps.size and gaps.min() < self.min_distance - 1e-6 * gaps.mean():
+            at = int(gaps.argmin())
+            raise ArgumentError(
+                f"min_distance={self.min_distance:g} of axis {self.label} is more than the distance of its breakpoints "
+                f"{points[at]:g} and {points[at + 1]:g}"
+            )
 
     @property
     def label(self) -> str:
         """The axis' name, or what lies on it."""
         return self.name or self.input or "without a name"
+
+    @property
+    def least_distance(self) -> float:
+        """How close two neighbouring breakpoints may come while they move; infinite for a single one."""
+        gaps = np.diff(self.breakpoints)
+        wanted = CLOSEST * float(gaps.mean()) if self.min_distance is None and gaps.size else self.min_distance
+        return min(float(gaps.min(initial=np.inf)), np.inf if wanted is None else wanted)
+
+    def changed(self, **changes: Any) -> "Axis":
+        """The same axis with some of its attributes replaced."""
+        return Axis(**({f.name: getattr(self, f.name) for f in fields(Axis)} | changes))
 
     def __len__(self) -> int:
         return self.breakpoints.size
@@ -76,7 +129,8 @@ class Axis:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Axis):
             return NotImplemented
-        same = (self.input, self.unit, self.name) == (other.input, other.unit, other.name)
+        plain = ("input", "unit", "name", "free", "min_distance", "range")
+        same = all(getattr(self, a) == getattr(other, a) for a in plain)
         return same and np.array_equal(self.breakpoints, other.breakpoints)
 
     def __hash__(self) -> int:

@@ -10,7 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from kennfeld.graph import OPERATIONS, Builder, Graph
-from kennfeld.parameters import Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar
+from kennfeld.graph.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar
 
 INPUTS = ("u", "v", "w")
 LOSSES = ("square", "huber", "soft_l1")
@@ -40,11 +41,12 @@ class Case:
     starts: tuple[int, ...]
     criteria: tuple[Criterion, ...]
     seed: int
+    axes: tuple[AxisKey, ...] = ()  # those whose breakpoints are fitted
 
     def __repr__(self) -> str:
         nodes = "; ".join(f"{i} {op}{args} {payload}" for i, (op, args, payload) in enumerate(self.graph.nodes))
         return (
-            f"seed {self.seed}, free {self.free}, starts {self.starts}, states {self.graph.states}, "
+            f"seed {self.seed}, free {self.fitted}, starts {self.starts}, states {self.graph.states}, "
             f"names {dict(self.graph.names)}, nodes {nodes}"
         )
 
@@ -59,12 +61,26 @@ class Case:
     def ends(self) -> tuple[int, ...]:
         return (*self.starts[1:], self.samples)
 
+    @property
+    def fitted(self) -> tuple[str | AxisKey, ...]:
+        """Parameters and axes."""
+        return (*self.free, *self.axes)
+
     def with_other_values(self, by: float = 0.1) -> "Case":
         """The same model with other values of its free parameters."""
         random = np.random.default_rng(self.seed + 1)
         changed = [self.parameters[n] for n in self.free]
         changed = [p.with_values(p.values + by * random.standard_normal(p.values.shape)) for p in changed]
-        return replace(self, parameters=self.parameters.with_parameters(*changed))
+        held = self.parameters.with_parameters(*changed)
+        points = {key: free_axes(held)[key].axis.breakpoints for key in self.axes}
+        moved = {key: x + 0.3 * np.diff(x).min() * random.uniform(-1, 1, x.size) for key, x in points.items()}
+        return replace(self, parameters=with_breakpoints(held, moved))
+
+
+def sizes_of(names, parameters):
+    """How many values each parameter or axis holds."""
+    axes = free_axes(parameters)
+    return [parameters[n].size if isinstance(n, str) else len(axes[n].axis) for n in names]
 
 
 @st.composite
@@ -99,7 +115,8 @@ def cases(
         columns["v"][draw(st.integers(0, samples - 1))] = np.nan
     criteria = tuple(draw(_criterion(random, name, samples, len(starts), nan)) for name in names)
     free = tuple(name for name in parameters if name not in fixed)
-    return Case(graph, parameters, free, columns, tuple(sorted(starts)), criteria, seed)
+    axes = tuple(key for key in free_axes(parameters) if draw(st.integers(0, 3)))
+    return Case(graph, parameters, free, columns, tuple(sorted(starts)), criteria, seed, axes)
 
 
 def _columns(random, samples):
@@ -127,7 +144,8 @@ def _criterion(draw, random, name, samples, pieces, nan):
 
 @st.composite
 def tables(draw, random) -> list[Parameter]:
-    """One parameter of every kind at least; curves and maps twice, so that axes can be shared."""
+    """One parameter of every kind at least; curves and maps twice, so that axes can be shared, also free ones."""
+    free = draw(st.booleans())
     single = draw(st.sampled_from([0, 0, 1]))
 
     def axis(most=5):
@@ -142,13 +160,15 @@ def tables(draw, random) -> list[Parameter]:
 
     x, y = axis(), axis()
     third, fourth = [axis(3) for _ in range(3)], [axis(3) for _ in range(4)]
+    group = Axis(x, name="G", free=free)
+    third[1] = Axis(third[1], free=free)
     return [
         Scalar("K", random.standard_normal()),
         Scalar("K2", random.standard_normal()),
-        Curve("C", x, values(x), extrapolation=extrapolation()),
+        Curve("C", Axis(x, free=free), values(x), extrapolation=extrapolation()),
         Curve("C2", y, values(y), extrapolation=extrapolation()),
-        Map("M", x, y, values(x, y), extrapolation=extrapolation()),
-        Map("M2", x, x, values(x, x), extrapolation=extrapolation()),
+        Map("M", group, y, values(x, y), extrapolation=extrapolation()),
+        Map("M2", group, group, values(x, x), extrapolation=extrapolation()),
         Cube("Q3", third, values(*third), extrapolation=extrapolation()),
         Cube("Q4", fourth, values(*fourth), extrapolation=extrapolation()),
         Block("B", random.standard_normal(draw(st.integers(1, 4)))),

@@ -2,18 +2,19 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from noise import assert_close, spread, steady
-from random_graphs import cases
+from random_graphs import cases, sizes_of
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import OPERATIONS, Builder
 from kennfeld.graph.derivative import differentiate
+from kennfeld.graph.free_axes import free_axes, with_breakpoints
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lowering import lower
 from kennfeld.parameters import Cube, Curve, Map, ParameterSet, Scalar
 
 
 def offsets_of(names, parameters):
-    sizes = np.cumsum([0, *(parameters[name].size for name in names)])
+    sizes = np.cumsum([0, *sizes_of(names, parameters)])
     return dict(zip(names, sizes.tolist(), strict=False))
 
 
@@ -328,7 +329,7 @@ def test_a_long_chain_needs_no_recursion():
 @given(cases(max_outputs=2))
 def test_random_models_have_the_slopes_of_finite_differences(case):
     low = lower(case.graph, case.parameters)
-    line = differentiate(low.graph, list(low.graph.names.values()), case.free)
+    line = differentiate(low.graph, list(low.graph.names.values()), case.fitted)
     plain = Interpreter(low, case.parameters)
 
     def values(interpreter):
@@ -340,14 +341,16 @@ def test_random_models_have_the_slopes_of_finite_differences(case):
     assume(usable.any())
     random = np.random.default_rng(case.seed)
     direction = {n: random.standard_normal(case.parameters[n].values.shape) for n in case.free}
+    moves = {key: random.standard_normal(len(free_axes(case.parameters)[key].axis)) for key in case.axes}
 
     def moved(h):
         changed = [case.parameters[n].with_values(case.parameters[n].values + h * direction[n]) for n in case.free]
-        held = case.parameters.with_parameters(*changed)
+        points = {key: free_axes(case.parameters)[key].axis.breakpoints + h * moves[key] for key in case.axes}
+        held = with_breakpoints(case.parameters.with_parameters(*changed), points)
         return values(Interpreter(low, held))
 
-    flat = np.concatenate([direction[n].ravel() for n in case.free])
-    found = plain.rows(line, offsets_of(case.free, case.parameters), case.columns, case.starts)
+    flat = np.concatenate([move.ravel() for move in (direction | moves).values()])
+    found = plain.rows(line, offsets_of(case.fitted, case.parameters), case.columns, case.starts)
     with np.errstate(all="ignore"):
         slope = found.jacobian @ flat
         # differences of several widths that agree mean that no kink lies between

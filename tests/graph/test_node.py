@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from random_graphs import cases
 
 from kennfeld.graph import CLOCK, Builder, Graph, Node, State
@@ -135,6 +136,40 @@ def test_outputs_are_the_names_that_nothing_uses():
     held = b.call("cos", x)
     graph = b.finish({"x": x, "held": held, "y": b.call("add", x, b.prev(held, b.const(0.0)))})
     assert graph.outputs == ("y",)
+
+
+@st.composite
+def feedback(draw):
+    """A graph of names that use earlier names, and any name of the step before; and what each uses."""
+    b = Builder()
+    count = draw(st.integers(1, 7))
+    some = st.sets(st.integers(0, count - 1), max_size=3)
+    read = [b.state() for _ in range(count)]
+    made, uses = [], []
+    for name in range(count):
+        now, before = draw(some), draw(some)
+        node = b.lookup(f"K{name}")
+        for used in [made[i] for i in now if i < name] + [read[i] for i in before]:
+            node = b.call("add", node, used)
+        made.append(node)
+        uses.append({i for i in now if i < name} | before)
+    for state, node in zip(read, made, strict=True):
+        b.close(state, b.const(0.0), node)
+    return b.finish({f"y{i}": node for i, node in enumerate(made)}), uses
+
+
+@given(feedback())
+def test_a_name_is_an_output_if_all_that_use_it_are_what_it_uses_itself(case):
+    graph, uses = case
+    needs = [set(used) for used in uses]
+    for _ in uses:
+        needs = [used.union(*(needs[i] for i in used)) for used in needs]
+    expected = [
+        f"y{i}"
+        for i in range(len(uses))
+        if all(user in needs[i] for user in range(len(uses)) if i in uses[user] - {user})
+    ]
+    assert graph.outputs == tuple(expected)
 
 
 def test_declared_outputs_stand():

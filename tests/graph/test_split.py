@@ -23,7 +23,7 @@ def fed(graph):
 def test_the_parts_give_what_the_whole_gives(case):
     low = lower(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
-    parts = split(low.graph, outputs, case.free)
+    parts = split(low.graph, outputs, case.fitted)
 
     def whole(interpreter):
         run = interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts)
@@ -44,7 +44,7 @@ def test_the_parts_give_what_the_whole_gives(case):
 @given(cases())
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
     low = lower(case.graph, case.parameters)
-    parts = split(low.graph, ["y0"], case.free)
+    parts = split(low.graph, ["y0"], case.fitted)
     assert fed(parts.graph) == set(parts.columns)
 
 
@@ -59,7 +59,7 @@ def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
 @given(cases())
 def test_no_column_depends_on_a_free_parameter(case):
     low = lower(case.graph, case.parameters)
-    parts = split(low.graph, tuple(case.graph.names), case.free)
+    parts = split(low.graph, tuple(case.graph.names), case.fitted)
 
     def held(c):
         run = Interpreter(low, c.parameters).run(low.graph.nodes, low.graph.states, c.columns, c.starts)
@@ -69,12 +69,22 @@ def test_no_column_depends_on_a_free_parameter(case):
         np.testing.assert_array_equal(before, after)
 
 
-def test_a_search_of_the_data_becomes_a_column():
+def test_a_search_is_done_again():
     b = Builder()
     graph = lowered({"y": b.lookup("C", b.input("x"))}, b, Curve("C", [0.0, 1.0], [2.0, 3.0]))
     parts = split(graph, ["y"], ["C"])
-    assert [graph.nodes[at].op for at in parts.columns.values()] == ["position"]
-    assert [node.op for node in parts.graph.nodes] == ["input", "interpolate"]
+    assert parts.columns == {}
+    assert [node.op for node in parts.graph.nodes] == ["input", "position", "interpolate"]
+
+
+def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
+    b = Builder()
+    coordinate = b.call("exp", b.input("x"))
+    tables = [Curve(name, [0.0, 1.0 + i], [2.0, 3.0]) for i, name in enumerate("CD")]
+    graph = lowered({"y": b.call("add", b.lookup("C", coordinate), b.lookup("D", coordinate))}, b, *tables)
+    parts = split(graph, ["y"], ["C", "D"])
+    assert [graph.nodes[at].op for at in parts.columns.values()] == ["exp"]
+    assert [node.op for node in parts.graph.nodes].count("position") == 2
 
 
 def test_what_is_cheap_is_computed_again():

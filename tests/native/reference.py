@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from random_graphs import Case, Criterion
+from random_graphs import Case, Criterion, sizes_of
 
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lowering import Lowered, lower
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
+from kennfeld.native.output import Output
 from kennfeld.native.samples import Piece, Samples
-from kennfeld.native.step import Output
 
 
 def loss(r, kind, delta):
@@ -25,6 +25,8 @@ def loss(r, kind, delta):
         case "soft_l1":
             root = np.sqrt(1 + (r / delta) ** 2)
             return 2 * r * r / (root + 1), 1 / root
+        case "excess":
+            return np.where(r > 0, r * r, 0.0), np.where(r > 0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -47,12 +49,13 @@ class Compiled:
         return Interpreter(self.lowered, self.case.parameters, widths)
 
     def free_offsets(self):
-        return {n: at for n, at in self.kernel.values.offsets.items() if at < self.kernel.values.free}
+        values = self.kernel.values
+        return {n: at for n, at in (values.offsets | values.moving).items() if at < values.free}
 
     def run(self, interpreter):
         """Outputs [samples, outputs] and Jacobian [samples, outputs, free], side by side in the last axis."""
         rows = interpreter.rows(self.kernel.line, self.free_offsets(), self.case.columns, self.case.starts)
-        width = sum(self.case.parameters[n].size for n in self.free_offsets())
+        width = sum(sizes_of(self.free_offsets(), self.case.parameters))
         assert width == self.kernel.values.free
         return np.concatenate([rows.values[:, :, None], rows.jacobian], axis=2)
 
@@ -61,7 +64,7 @@ def compiled(case: Case, smooth=()) -> Compiled:
     """Lower and compile a case."""
     low = lower(case.graph, case.parameters, smooth)
     outputs = [Output(low.graph.names[c.node], c.scale, c.loss, c.delta) for c in case.criteria]
-    kernel = Kernel(low, outputs, case.parameters, case.free)
+    kernel = Kernel(low, outputs, case.parameters, case.fitted)
     return Compiled(case, low, kernel, samples_of(case, kernel))
 
 

@@ -340,3 +340,14 @@ def test_states_that_no_free_value_reaches_are_simulated_all_the_same():
     costs, gradient, matrix, *_ = results(made)
     close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-13)
     assert_close(exact, exact, spread(plain, made.run), np.ones(exact.shape, bool))
+
+
+@pytest.mark.parametrize("model", sorted(name for name in MODELS if not MODELS[name]().states))
+def test_samples_that_touch_a_value_are_those_with_a_slope(model, monkeypatch):
+    made = compiled(case(MODELS[model](), 400, STARTS))
+    summed = made.accumulator()
+    _, jacobian = summed.rows(made.values)
+    per_sample = (jacobian.reshape(summed.samples.count, -1, jacobian.shape[1]) != 0).any(axis=1)
+    assert summed.touched(made.values).tolist() == per_sample.sum(axis=0).tolist()
+    monkeypatch.setattr(module, "TAPE_BYTES", 1)
+    assert made.accumulator().touched(made.values).tolist() == per_sample.sum(axis=0).tolist()

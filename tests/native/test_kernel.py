@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 from reference import compiled
 
 from kennfeld.graph import Builder
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.graph.free_axes import free_axes
+from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar
 from models import case, coupled, delayed, lag, static
 
 
@@ -32,6 +35,33 @@ def test_unpacking_replaces_the_free_values_alone():
     np.testing.assert_array_equal(values.pack(held)[: values.free], flat[: values.free])
     assert held["C"] == made.case.parameters["C"]
     assert list(held) == list(made.case.parameters)
+
+
+def test_breakpoints_are_values_among_those_that_reach_a_state_or_not():
+    b = Builder()
+    state = b.state()
+    b.close(state, b.const(0.0), b.call("mul", b.lookup("C", b.input("u")), b.const(0.5)))
+    graph = b.finish({"y": b.call("add", state, b.lookup("D", b.input("v")))})
+    axes = [Axis([-1.0, 0.0, 1.5], free=True) for _ in range(2)]
+    held = ParameterSet([Curve(name, axis, [1.0, 2.0, 0.5]) for name, axis in zip("CD", axes, strict=True)])
+    made = compiled(replace(case(graph, 5, values=held, free=("C", "D")), axes=tuple(free_axes(held))))
+    values = made.kernel.values
+    assert (values.offsets, values.reach, values.free) == ({"C": 0, "D": 6}, 6, 12)
+    assert {str(key): at for key, at in values.moving.items()} == {"C.x": 3, "D.x": 9}
+    flat = values.pack(held)
+    assert flat.tolist() == [1.0, 2.0, 0.5, -1.0, 0.0, 1.5] * 2
+    flat[10] = 0.25
+    moved = values.unpack(flat, held)
+    assert moved["D"].axes[0].breakpoints.tolist() == [-1.0, 0.25, 1.5]
+    assert moved["C"] == held["C"]
+
+
+def test_breakpoints_that_are_not_fitted_come_after_the_free_values():
+    b = Builder()
+    graph = b.finish({"y": b.lookup("C", b.input("u"))})
+    held = ParameterSet([Curve("C", Axis([-1.0, 0.0, 1.5], free=True), [1.0, 2.0, 0.5])])
+    made = compiled(case(graph, 5, values=held, free=("C",)))
+    assert (made.kernel.values.free, made.kernel.values.total) == (3, 6)
 
 
 def test_the_pattern_tells_where_matrices_can_differ_from_zero():

@@ -8,6 +8,7 @@ from noise import assert_close, spread, steady
 from random_graphs import cases
 from reference import compiled, sums, weighted_rows
 
+from kennfeld.graph import derivative
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lowering import lower
 from kennfeld.native.simulator import Simulator
@@ -111,6 +112,17 @@ def test_sums_of_smoothed_lookups(case, data):
     assume(any(soft))
     widths = np.array([data.draw(st.sampled_from([0.03, 0.3, 2.0])) for _ in made.lowered.axes])
     check_sums(made, widths)
+
+
+@settings(deadline=None, max_examples=40)
+@given(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]))
+def test_sums_by_a_pull_back(case, smooth):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(derivative, "MOST_VISITS", -1)
+        patch.setattr(derivative, "SHARED", 0.0)
+        made = compiled(case, smooth)
+    event(type(made.kernel.line.slopes).__name__)
+    check_sums(made, np.full(len(made.lowered.axes), 0.3) if smooth else None)
 
 
 @settings(deadline=None, max_examples=25)

@@ -28,12 +28,41 @@ def test_a_chunk_knows_its_length():
     assert Chunk(number=0, piece=0, first=3, last=10).length == 7
 
 
-def test_samples_are_contiguous_doubles():
-    made = Samples(np.zeros((4, 2), dtype=np.float32).T, np.zeros((3, 4))[:, ::2], ())
-    assert made.data.flags.c_contiguous
-    assert made.data.dtype == np.float64
-    assert made.targets.flags.c_contiguous
-    assert made.count == 2
+def ordered(order, targets, scores):
+    pieces = [Piece(0, len(order), np.array(scores))]
+    return Samples(np.zeros((1, len(targets[0]))), np.array(targets), pieces, np.array(order, dtype=np.uint32))
+
+
+def test_samples_that_are_not_visited_are_not_counted():
+    made = ordered([4, 0, 2], [[0.0, 1.0, np.nan, 3.0, 4.0], [np.nan, 1.0, 2.0, np.nan, np.nan]], [1.0, 1.0])
+    assert made.count == 3
+    assert made.scored(made.pieces[0]).tolist() == [2, 1]
+
+
+@given(st.integers(0, 9000), st.integers(1, 9000))
+def test_chunks_end_at_the_last_sample_that_counts(last, more):
+    targets = np.full((2, last + more), np.nan)
+    targets[0, :last], targets[1] = 1.0, 2.0
+    made = Samples(np.zeros((0, last + more)), targets, [Piece(0, last + more, np.array([1.0, 0.0]))])
+    assert sum(chunk.length for chunk in made.chunks(1000)) == last
+
+
+def test_thinned_samples_are_taken_in_the_order_of_visits():
+    x = np.arange(1000.0)
+    order = np.random.default_rng(0).permutation(1000).astype(np.uint32)
+    made = Samples([x], [x + 0.5], [Piece(0, 1000, np.array([3.0]))], order).thinned(100)
+    assert (made.count, made.order, made.pieces[0].scores.tolist()) == (100, None, [30.0])
+    visits = np.linspace(0, 999, 100).astype(int)
+    assert made.inputs.take(np.arange(100))[0].tolist() == x[order[visits]].tolist()
+    assert made.targets_of(np.arange(100))[0].tolist() == (x[order[visits]] + 0.5).tolist()
+
+
+def test_inputs_can_be_picked_and_all_else_stays():
+    targets, order = np.zeros((1, 3)), np.array([2, 1], dtype=np.uint32)
+    made = Samples([np.full(3, 1.0), np.full(3, 2.0)], targets, [Piece(0, 2, np.ones(1))], order)
+    picked = made.with_inputs([1])
+    assert picked.inputs.take(np.array([0])).tolist() == [[2.0]]
+    assert (picked.order is made.order, picked.count, picked.pieces) == (True, 2, made.pieces)
 
 
 @given(st.lists(st.integers(1, 1000), min_size=1, max_size=40), st.integers(1, 8))

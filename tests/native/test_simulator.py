@@ -5,7 +5,7 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lowering import lower
 from kennfeld.native import simulator as module
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar
 from models import MODELS, case
 
 
@@ -57,3 +57,16 @@ def test_data_need_not_be_contiguous():
     data = np.arange(12.0).reshape(3, 4).T[:2]
     run = Simulator(low, [low.graph.names["y"]], ParameterSet()).run(ParameterSet(), data)
     assert run[0].tolist() == (data[0] + data[1]).tolist()
+
+
+def test_other_breakpoints_of_a_free_axis_need_no_other_simulator():
+    b = Builder()
+    graph = b.finish({"y": b.lookup("C", b.input("x"))})
+    start = ParameterSet([Curve("C", Axis([0, 1, 4], name="A", free=True), [0.0, 1.0, 5.0])])
+    low = lower(graph, start)
+    simulator = Simulator(low, [low.graph.names["y"]], start)
+    x = np.array([-1.0, 0.5, 2.5, 3.5, 9.0])
+    for axis in (Axis([0, 3, 4], name="A", free=True), Axis([0, 2, 3])):  # as a fit leaves it, and as a file holds it
+        moved = ParameterSet([Curve("C", axis, [0.0, 1.0, 5.0])])
+        expected = evaluate(graph, {"x": x}, moved)["y"]
+        np.testing.assert_allclose(simulator.run(moved, x[None, :])[0], expected, rtol=1e-14)

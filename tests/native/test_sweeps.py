@@ -91,7 +91,7 @@ def test_backward_and_forward_give_the_direct_sum(m, n, sparse, runs):
 
 
 @pytest.mark.parametrize("sparse", [False, True])
-@pytest.mark.parametrize(("m", "n"), [(1, 0), (1, 1), (2, 3)])
+@pytest.mark.parametrize(("m", "n"), [(1, 0), (1, 1), (2, 3), (2, 8), (1, 9), (3, 20)])
 def test_rows_are_those_of_the_recursion(m, n, sparse):
     tape = Tape(m, n, columns=24, sparse=sparse)
     s, following = tape.start.copy(), np.zeros((n, 24))

@@ -115,7 +115,7 @@ def test_a_lookup_with_too_many_coordinates_is_named():
 
 
 def test_an_unknown_limit_is_named_with_the_nearest():
-    with pytest.raises(ArgumentError, match=r"Gain is no parameter\. Did you mean gain\?"):
+    with pytest.raises(kf.InputError, match=r"Gain is no node of the function .*\. Did you mean gain\?"):
         kf.calibrate("m = gain * x", LINE, {"gain": 1.0}, target="y", limits={"Gain": (0, 1)})
 
 

@@ -130,3 +130,27 @@ def test_a_dataset_of_which_nothing_is_left_has_no_samples():
 def test_memory_without_time_runs_over_the_samples():
     bound = bind(Dataset.of("d", columns([1, NAN, 3])), formula("y = prev(u, 0) + v").graph, {})
     assert (bound.kept.tolist(), bound.starts.tolist()) == ([0, 2], [0, 1])
+
+
+def test_a_dataset_of_which_all_is_kept_is_not_copied():
+    data = Dataset.of("d", columns(np.arange(4.0)), time=np.arange(4.0))
+    for graph in (STEADY, LAG):
+        assert bind(data, graph, {}).columns["u"] is data["u"].values
+
+
+def test_without_memory_dropped_points_may_stay_if_they_do_not_count():
+    data = Dataset.of("d", columns([1, NAN, 3]), scored=[True, True, False])
+    whole = bind(data, STEADY, {}).whole
+    assert (whole.count, whole.picked, whole.scored.tolist()) == (3, None, [True, False, False])
+    assert whole.columns["u"] is data["u"].values
+
+
+def test_the_clock_of_dropped_points_is_unknown():
+    data = Dataset.of("d", columns([0, 1, NAN, 3, 4]), time=np.arange(5.0))
+    assert np.nan_to_num(bind(data, TIMED, {}).whole.columns["t"], nan=-1.0).tolist() == [0, 1, -1, 0, 1]
+
+
+def test_only_the_clock_that_is_read_is_made():
+    data = Dataset.of("d", columns(np.arange(4.0)), time=np.arange(4.0))
+    assert bind(data, formula("y = u * t").graph, {}).clock.keys() == {"t"}
+    assert bind(data, LAG, {}).clock.keys() == {"dt"}

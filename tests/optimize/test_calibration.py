@@ -6,7 +6,8 @@ import pytest
 import kennfeld as kf
 from kennfeld.optimize.calibration import Options
 from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
 
@@ -33,7 +34,7 @@ def iterates(member, pins=(), text="m = C(x)^3 / 9"):
         pins=tuple(pins),
     )
     exact = Compiled(problem)
-    objective, limits = SumOfSquares(exact), limits_of(problem, exact)
+    objective, limits = SumOfSquares(exact), limits_of(problem, exact.values)
     start, _ = project(objective.start, limits)
     seen = [start]
     gauss_newton(objective, start, limits, Settings(), lambda line, values: seen.append(values.copy()))
@@ -97,7 +98,7 @@ def test_a_start_outside_its_bounds_is_moved_and_that_is_said():
 
 
 def test_a_start_that_misses_a_pin_is_moved_and_that_is_said():
-    assert "pins" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
+    assert "did not keep its limits" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
 
 
 @pytest.mark.parametrize("points", [7, 90], ids=["rows", "normal equations"])
@@ -108,12 +109,12 @@ def test_values_without_data_keep_their_start_exactly_and_the_message_says_so(po
     beyond = breakpoints > 3.0 + breakpoints[1]
     assert result.parameters["C"].values[beyond].tolist() == [0.1] * int(beyond.sum())
     assert "keep their start" in result.message
-    assert not result.trust["C"][beyond].any()
+    assert not result.trust.informed["C"][beyond].any()
 
 
 def test_smoothness_informs_values_without_data():
     result = fitted(kf.Curve("C", np.linspace(0, 6, 13), np.full(13, 0.1)), smoothness=1e-3)
-    assert result.trust["C"].all()
+    assert result.trust.informed["C"].all()
     assert "keep their start" not in result.message
 
 
@@ -351,5 +352,5 @@ def test_values_said_to_keep_their_start_do():
     start = kf.ParameterSet([kf.Scalar("k", 9.0), kf.Curve("C", [0, 1, 2, 3], [0.0, 1.0, 2.0, 3.0])])
     x = np.linspace(0, 1, 200)
     result = kf.calibrate("m = C(k * x)", {"x": x, "y": 0.2 * x}, start, target="y")
-    unseen = ~result.trust["C"]
+    unseen = ~result.trust.informed["C"]
     assert result.parameters["C"].values[unseen].tolist() == start["C"].values[unseen].tolist()

@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld.native import Cholesky
 from kennfeld.optimize.gauss_newton import Settings, Stop, gauss_newton
-from kennfeld.optimize.quadratic import Limits
+from kennfeld.optimize.limits import Limits, Rows
 
 
 class Residuals:
@@ -153,7 +153,7 @@ def test_a_start_without_error_has_converged(small):
 
 def test_no_free_value_is_an_end_at_once():
     at = np.array([1.0, 2.0])
-    end = descend(linear(np.eye(2), np.zeros(2)), at, Limits(at, at, np.zeros((0, 2)), np.zeros(0)))
+    end = descend(linear(np.eye(2), np.zeros(2)), at, Limits(at, at))
     assert (end.status, end.message) == ("converged", "No value is free to move.")
     assert end.values.tolist() == [1.0, 2.0]
 
@@ -232,7 +232,7 @@ def test_within_bounds_the_answer_is_that_of_scipy(small, seed):
     random = np.random.default_rng([seed, 3])
     matrix, right = random.standard_normal((60, 25)), 3 * random.standard_normal(60)
     lower, upper = -random.uniform(0.01, 0.3, 25), random.uniform(0.01, 0.3, 25)
-    limits = Limits(lower, upper, np.zeros((0, 25)), np.zeros(0))
+    limits = Limits(lower, upper)
     end = descend(linear(matrix, right, small), np.zeros(25), limits, tolerance=1e-12)
     judge = lsq_linear(matrix, right, (lower, upper), method="bvls", tol=1e-14)
     assert end.cost == pytest.approx(2 * judge.cost, rel=1e-9)
@@ -245,7 +245,7 @@ def test_equalities_and_bounds_hold_at_every_iterate(small, seed):
     matrix, right = random.standard_normal((40, 12)), 5 * random.standard_normal(40)
     start = random.uniform(-0.1, 0.1, 12)
     rows = random.standard_normal((2, 12))
-    limits = Limits(np.full(12, -0.2), np.full(12, 0.2), rows, rows @ start)
+    limits = Limits(np.full(12, -0.2), np.full(12, 0.2), Rows.of(rows, rows @ start, rows @ start))
     objective = Residuals(lambda p: np.sinh(matrix @ p) - right, lambda p: np.cosh(matrix @ p)[:, None] * matrix, small)
     seen = []
     gauss_newton(objective, start, limits, Settings(), lambda line, values: seen.append(values.copy()))
@@ -257,7 +257,7 @@ def test_equalities_and_bounds_hold_at_every_iterate(small, seed):
 
 def test_a_locked_value_never_moves_at_any_trial():
     objective = rosenbrock()
-    limits = Limits(np.array([-np.inf, 0.3]), np.array([np.inf, 0.3]), np.zeros((0, 2)), np.zeros(0))
+    limits = Limits(np.array([-np.inf, 0.3]), np.array([np.inf, 0.3]))
     end = descend(objective, [-1.2, 0.3], limits)
     assert {values[1] for values in objective.tried} == {0.3}
     assert end.status == "converged"

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -102,6 +104,54 @@ def test_samples_that_are_not_scored_still_drive_memory():
     found, time = columns(60), 0.1 * np.arange(60)
     masked = problem(kf.Dataset.of("d", found, time=time, scored=np.arange(60) > 30), text=LAG, node="lag")
     assert cost(masked) == pytest.approx(reference(masked), rel=1e-12)
+
+
+def test_points_without_an_input_are_left_out():
+    found = columns(3000)
+    found["u"][::7] = found["v"][5::70] = np.nan
+    for text in (TEXT, "m = M(u, v) * prev(C(w), 0) + C(u + K)"):
+        made = problem(kf.Dataset.of("d", found), kf.Dataset.of("e", columns(500, 2)), text=text, free=("M", "K"))
+        assert cost(made) == pytest.approx(reference(made), rel=1e-12)
+
+
+def test_points_whose_target_is_infinite_are_left_out():
+    found = columns(100)
+    found["y"][[4, 7]] = np.inf, -np.inf
+    made = problem(kf.Dataset.of("d", found))
+    assert np.isfinite(reference(made))
+    assert cost(made) == pytest.approx(reference(made), rel=1e-12)
+
+
+def test_data_that_come_by_cell_are_visited_as_they_come():
+    text = "m = C(u) + K"
+    found = columns(2000)
+    found["y"][:] = 1.0
+    mixed = Compiled(problem(kf.Dataset.of("d", found), text=text)).samples
+    tidy = {name: values[np.argsort(found["u"])] for name, values in found.items()}
+    assert mixed.order is not None
+    assert Compiled(problem(kf.Dataset.of("d", tidy), text=text)).samples.order is None
+
+
+@pytest.mark.parametrize("time", [None, 0.1 * np.arange(300_000)], ids=["steady", "with memory"])
+def test_data_are_not_copied(time):
+    text, node = (TEXT, "m") if time is None else (LAG, "lag")
+    text = text.replace("exp(sin(u))", "u")
+
+    def most(count):
+        made = kf.Dataset.of("d", columns(count), time=None if time is None else time[:count])
+        return _most(lambda: Compiled(problem(made, text=text, node=node)))
+
+    most(10)
+    assert most(300_000) - most(10) < 0.6 * sum(values.nbytes for values in columns(300_000).values())
+
+
+def _most(work):
+    """The most memory allocated on the way, in bytes."""
+    tracemalloc.start()
+    work()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return most
 
 
 def test_test_data_are_no_training_data():

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.optimize import scoring
 
 TRAINING = {"x": [0.0, 1.0, 2.0, 3.0], "y": [0.0, 2.5, 3.5, 6.0]}
 TEST = {"x": [1.0, 2.0, np.nan, 4.0], "y": [2.0, np.nan, 6.0, 9.0]}
@@ -45,8 +46,28 @@ def test_test_data_of_which_nothing_is_left_have_no_scores(test):
     assert np.isnan(row.max_abs_after)
 
 
-def test_a_constant_target_has_no_r2():
-    assert np.isnan(scored({"x": [1.0, 2.0], "y": [3.0, 3.0]}).quality[1].r2_after)
+@pytest.mark.parametrize("value", [3.0, 0.1, 1e-9])
+def test_a_constant_target_has_no_r2(value):
+    assert np.isnan(scored({"x": np.arange(1000.0), "y": np.full(1000, value)}).quality[1].r2_after)
+
+
+@pytest.mark.parametrize("text", ["m = k * x", "m = PT1(k * x, 0.3)"], ids=["steady", "with memory"])
+def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
+    random = np.random.default_rng(0)
+    data = {name: random.uniform(1.0, 2.0, 100) for name in "xy"}
+    data["x"][[30, 61]] = data["y"][::9] = np.nan
+    held = kf.Dataset.of("d", data, time=0.1 * np.arange(100), starts=[0, 10, 13, 60])
+
+    def quality():
+        return kf.calibrate(text, held, {"k": 1.0}, "y", options=kf.Options(max_iterations=1)).quality[0]
+
+    whole = quality()
+    for block in (1, 7, 45, 100):
+        monkeypatch.setattr(scoring, "BLOCK", block)
+        cut = quality()
+        assert cut.samples == whole.samples == np.isfinite(data["x"] + data["y"]).sum()
+        for name in ("rmse_before", "rmse_after", "r2_after", "max_abs_after"):
+            assert getattr(cut, name) == pytest.approx(getattr(whole, name), rel=1e-12)
 
 
 def test_scores_do_not_know_weight_scale_and_loss():

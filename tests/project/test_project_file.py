@@ -30,11 +30,12 @@ def test_output_formats_become_file_endings(shop):
 
 def test_the_optimizer_section_becomes_options(shop):
     shop.add(
-        "[optimizer]\nmethod = 'gauss-newton'\nstarts = 1\ncontinuation = 'off'\nmax_iterations = 7\n"
-        "tolerance = 1e-4\nsave_every = 0\nseed = 3"
+        "[optimizer]\nmethod = 'gauss-newton'\nstarts = 4\nspread = 0.2\ncontinuation = 'off'\nmax_iterations = 7\n"
+        "tolerance = 1e-4\nsave_every = 5\nseed = 3"
     )
     options = shop.project.options
     assert (options.max_iterations, options.tolerance, options.continuation) == (7, 1e-4, "off")
+    assert (options.starts, options.spread, options.seed, options.save_every) == (4, 0.2, 3, 5)
 
 
 def test_a_missing_project_file_names_the_nearest(shop):
@@ -182,21 +183,6 @@ def test_a_test_dataset_cannot_find_a_shift_by_itself(shop):
     shop.bench("fresh.csv")
     shop.add("[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'\nshift = { Torque = 'auto' }")
     assert "the shift of Torque is found on training data, and none asks for it" in shop.error()
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        "[[limit]]\nnode = 'base'\nmax = 3",
-        "[[step]]\ngrid_reduction = 2",
-        "[optimizer]\nmethod = 'global'",
-        "[optimizer]\nstarts = 5",
-        "[optimizer]\nsave_every = 10",
-        "[parameters.Gain]\ngradient = { x = [0, inf] }",
-    ],
-)
-def test_what_a_later_version_brings_is_refused_not_ignored(shop, section):
-    assert "is not available in this version" in shop.add(section).error()
 
 
 def test_an_output_format_of_a_later_version_is_refused(shop):

@@ -7,10 +7,22 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from kennfeld import Dataset, InputError, calibrate, read, read_parameters
-from kennfeld.project.results import require_room, write, write_simulation
+from kennfeld import (
+    Axis,
+    Curve,
+    Dataset,
+    InputError,
+    Map,
+    ParameterSet,
+    Scalar,
+    calibrate,
+    read,
+    read_parameters,
+)
+from kennfeld.project.results import require_room, write, write_simulation, write_text
+from kennfeld.project.trust_table import COLUMNS
 
-FILES = ["parameters.json", "parameters.dcm", "trace.csv", "simulation.parquet", "result.json"]
+FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
 
 
 class Line:
@@ -44,6 +56,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
+        *("starts", "resumed", "trust"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
@@ -68,6 +81,41 @@ def test_the_trace_has_a_line_for_each_step(result, tmp_path):
     ]
     assert len(rows) == len(result.trace)
     assert float(rows[-1]["cost"]) == result.trace[-1].cost
+
+
+def test_the_trust_has_a_line_for_each_free_value(tmp_path):
+    table = Map("M", [0.0, 1.0, 2.0], Axis([0.0, 5.0], input="y"), np.ones((3, 2)), unit="Nm")
+    start = ParameterSet([table, Scalar("k", 1.0), Curve("C", [0.0, 1.0], [0.0, 0.0])])
+    rng = np.random.default_rng(0)
+    columns = {"x": rng.uniform(0, 1, 50), "y": rng.uniform(0, 5, 50), "t": rng.normal(size=50)}
+    text = "m = M(x, y) + k * x^2 * y + C(x)"
+    found = calibrate(text, columns, start, target="t", free=["M", "k"])
+    write(found, Line(), tmp_path)
+    with (tmp_path / "trust.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert [row["parameter"] for row in rows] == ["M"] * 6 + ["k"]
+    assert [(row["x"], row["y"], row["z"]) for row in rows[:2]] == [("0.0", "0.0", ""), ("0.0", "5.0", "")]
+    assert rows[6]["x"] == ""
+    assert [float(row["value"]) for row in rows[:6]] == found.parameters["M"].values.ravel().tolist()
+    deviation = [float(row["deviation"]) for row in rows[:6]]
+    assert deviation == pytest.approx(found.trust.deviation["M"].ravel(), rel=1e-5)
+    assert deviation[4:] == [np.inf, np.inf]
+    assert [int(row["samples"]) for row in rows[:6]] == found.trust.samples["M"].ravel().tolist()
+    assert [row["informed"] for row in rows[:6]] == ["1"] * 4 + ["0"] * 2
+    assert rows[0]["unit"] == "Nm"
+    told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]
+    assert list(told) == ["noise", "persistence", "freedom", "undetermined", "by_smoothness", "directions"]
+    assert told["undetermined"] == 2
+    assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "ratio", "parameters"]
+    assert told["directions"][0]["parameters"] == ["M"]
+
+
+def test_what_is_not_known_of_the_trust_stays_empty(tmp_path):
+    two = calibrate("y = a + b * x", {"x": [0.0, 1], "t": [1.0, 3]}, {"a": 0.0, "b": 0.0}, target="t")
+    write(two, Line(), tmp_path)
+    with (tmp_path / "trust.csv").open(encoding="utf-8", newline="") as file:
+        assert [row["deviation"] for row in csv.DictReader(file)] == ["", ""]
 
 
 def test_the_simulation_holds_all_datasets_one_below_the_other(result, tmp_path):
@@ -105,6 +153,17 @@ def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.xlsx is no format.*\.parquet or \.csv"):
         write_simulation(Line().simulate(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
+
+
+def test_documents_are_written_with_the_other_files(result, tmp_path):
+    written = write(result, Line(), tmp_path, {"report.html": "<p>Öl</p>\n"})
+    assert sorted(path.name for path in written) == sorted([*FILES, "report.html"])
+    assert (tmp_path / "report.html").read_bytes() == "<p>Öl</p>\n".encode()
+
+
+def test_a_text_is_written_whole_into_a_folder_that_is_made(tmp_path):
+    assert write_text("text", tmp_path / "deep" / "a.html").read_text(encoding="utf-8") == "text"
+    assert everything_in(tmp_path) == {Path("deep/a.html"): b"text"}
 
 
 def test_an_old_result_is_replaced(result, tmp_path):

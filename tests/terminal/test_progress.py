@@ -29,6 +29,15 @@ def test_elsewhere_a_long_stage_is_heard_of_now_and_then(capsys, monkeypatch):
     assert len(capsys.readouterr().err.splitlines()) == 2
 
 
+def test_elsewhere_each_of_several_starts_has_a_line(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "PAUSE", 1e9)
+    with display("compiling", starts=2) as shown:
+        for stage in ("plain", "smooth 4"):
+            for start in (1, 2):
+                shown(replace(LINE, stage=stage, start=start))
+    assert [line[:15] for line in capsys.readouterr().err.splitlines()] == ["start  1  plain", "start  2  plain"]
+
+
 def test_lines_go_where_they_belong(capsys):
     say("one", "two")
     complain("three\nfour")

@@ -1,20 +1,45 @@
-"""Exact derivatives of one time step, as further nodes of the same graph.
+"""Exact derivatives of one time step, on further nodes of the same graph.
 
-The calibratable values enter through atoms, the `interpolate` nodes of free parameters. One reverse sweep a row
-(output or next state) gives its slopes with respect to every atom and every state that carries a parameter's
-influence. Conditions switch adjoints instead of multiplying them, so a value that is not finite in a branch not taken
-never reaches the result; where such an adjoint meets a slope, `guard` keeps 0 times infinity at 0.
+The calibratable values enter through atoms, the `interpolate` nodes of free parameters and the `position` nodes of
+free axes. A position p is where the breakpoints, as a curve B over 0, 1, ..., take the value x: B(p) = x. So its slope
+with respect to a breakpoint is minus the breakpoint's weight in B(p), times the slope of p with respect to x.
+One reverse sweep a row (output or next state) gives its slopes with respect to every atom and every state that carries
+a parameter's influence. Where few rows see a node, each sweep is written out as nodes: conditions switch adjoints
+instead of multiplying them, so a value that is not finite in a branch not taken never reaches the result; where such an
+adjoint meets a slope, `guard` keeps 0 times infinity at 0. Where many do, they share one pull-back (`pullback.py`).
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.lowering import dependent
+from kennfeld.graph.lowering import Free, dependent, enters
 from kennfeld.graph.node import Builder, Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.graph.partials import cone, of_breakpoints, partials
+from kennfeld.graph.pullback import PullBack, pull_back
 
-__all__ = ["Linearization", "differentiate"]
+__all__ = ["Linearization", "Slopes", "Written", "differentiate"]
+
+MOST_VISITS = 5000  # of nodes by rows, up to which each row is written out
+SHARED = 1.4  # rows that see a node, on the average, from which they share one pull-back
+
+
+@dataclass(frozen=True)
+class Written:
+    """Slopes written out: `rows[row]` maps an atom or a state node to the node of the derivative."""
+
+    rows: tuple[Mapping[int, int], ...]
+
+    @property
+    def reach(self) -> tuple[Collection[int], ...]:
+        """The atoms and states to which each row has a slope."""
+        return self.rows
+
+
+Slopes: TypeAlias = Written | PullBack
 
 
 @dataclass(frozen=True)
@@ -22,9 +47,9 @@ class Linearization:
     """A step and its derivatives.
 
     `nodes` extend those of the graph. Rows are the `outputs`, then the next values of the `carried` states, which are
-    the states that depend on a free parameter. `slopes[row]` maps an atom or a state node to the node of the
-    derivative. `starts[state]` is the node of a state's first value, free of states; `start_slopes` are the derivatives
-    of the carried ones with respect to atoms.
+    the states that depend on a free value. `slopes` are theirs with respect to atoms and carried states, for a position
+    with respect to B(p). `starts[state]` is the node of a state's first value, free of states; `start_slopes` are the
+    derivatives of the carried ones with respect to atoms.
     """
 
     nodes: tuple[Node, ...]
@@ -32,47 +57,64 @@ class Linearization:
     outputs: tuple[int, ...]
     carried: tuple[int, ...]
     seeds: tuple[int, ...]  # the node that reads each carried state
-    slopes: tuple[Mapping[int, int], ...]
+    slopes: Slopes
     starts: tuple[int, ...]
-    start_slopes: tuple[Mapping[int, int], ...]
+    start_slopes: Slopes
 
     @property
     def atoms(self) -> tuple[int, ...]:
         """The lookups through which free values enter a step, in the order of their numbers."""
-        found = {seed for row in self.slopes for seed in row} - set(self.seeds)
-        return tuple(sorted(found))
+        return tuple(sorted({leaf for row in self.slopes.reach for leaf in row} - set(self.seeds)))
 
     @property
     def start_atoms(self) -> tuple[int, ...]:
         """The lookups through which free values enter the first values of states."""
-        return tuple(sorted({seed for row in self.start_slopes for seed in row}))
+        return tuple(sorted({leaf for row in self.start_slopes.reach for leaf in row}))
 
 
-def differentiate(graph: Graph, outputs: Sequence[int], free: Collection[str]) -> Linearization:
-    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to the parameters `free`.
+def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Linearization:
+    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to what is `free`.
 
     Raises `ArgumentError` where the first value of a state depends on itself.
     """
 
     def is_atom(node: Node) -> bool:
-        return node.op == "interpolate" and node.payload.name in free
+        return enters(node, free)
 
     live = dependent(graph, is_atom)
     b = Builder.of(graph)
     carried = tuple(i for i, s in enumerate(graph.states) if s.init in live or s.next in live)
     seeds = tuple(b.node("state", (), i) for i in carried)
     rows = (*outputs, *(graph.states[i].next for i in carried))
-    active = live | set(seeds)
-    slopes = tuple(_reverse(b, row, active, is_atom) for row in rows)
+    slopes = _slopes(b, rows, live | set(seeds), is_atom)
     starts = _starts(b, graph.states)
     moving = {at for at, node in enumerate(b.nodes) if is_atom(node)}
     for at, node in enumerate(b.nodes):
         if not moving.isdisjoint(node.args):
             moving.add(at)
-    start_slopes = tuple(_reverse(b, starts[i], moving, is_atom) for i in carried)
+    start_slopes = _slopes(b, [starts[i] for i in carried], moving, is_atom)
     return Linearization(
         tuple(b.nodes), graph.states, tuple(outputs), carried, seeds, slopes, tuple(starts), start_slopes
     )
+
+
+def _slopes(b: Builder, rows: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> Slopes:
+    nodes, visits = _extent(b, [row for row in rows if row in active], active)
+    if visits > MOST_VISITS and visits > SHARED * nodes:
+        return pull_back(b, rows, active, is_atom)
+    return Written(tuple(_reverse(b, row, active, is_atom) for row in rows))
+
+
+def _extent(b: Builder, rows: Sequence[int], active: Collection[int]) -> tuple[int, int]:
+    """How many nodes the rows see, all together and each for itself."""
+    seen: dict[int, int] = defaultdict(int)  # the rows that see a node, a bit each
+    for number, row in enumerate(rows):
+        seen[row] |= 1 << number
+    for at in reversed(cone(b, rows, active)):
+        for a in b.nodes[at].args:
+            if a in active:
+                seen[a] |= seen[at]
+    return len(seen), sum(rows.bit_count() for rows in seen.values())
 
 
 class _Adjoints:
@@ -94,92 +136,48 @@ def _reverse(b: Builder, root: int, active: Collection[int], is_atom: Callable[[
     """Derivatives of `root` with respect to the atoms and states it reaches within one step."""
     if root not in active:
         return {}
-    order = _reachable(b, root, active)
     sums = _Adjoints(b)
     sums.add(root, b.const(1.0), switched=False)
     found: dict[int, int] = {}
-    for at in order:
+    for at in reversed(cone(b, [root], active)):
         if at not in sums.total:  # reached through steps alone, as a comparison
             continue
         adjoint, switched = sums.total[at], at in sums.switched
         node = b.nodes[at]
         if node.op == "state" or is_atom(node):
-            found[at] = adjoint
-        _push(b, sums, at, adjoint, switched, active)
+            found[at] = _of_breakpoints(b, at, adjoint, switched) if node.op == "position" else adjoint
+        for argument, factor, switches in partials(b, at, active):
+            if switches:
+                sums.add(argument, b.call("select", factor, adjoint, b.const(0.0)), switched=True)
+            else:
+                sums.add(argument, b.call("guard" if switched else "mul", adjoint, factor), switched)
     return found
 
 
-def _reachable(b: Builder, root: int, active: Collection[int]) -> list[int]:
-    seen = {root}
-    stack = [root]
-    while stack:
-        for a in b.nodes[stack.pop()].args:
-            if a in active and a not in seen:
-                seen.add(a)
-                stack.append(a)
-    return sorted(seen, reverse=True)
-
-
-def _push(b: Builder, sums: _Adjoints, at: int, adjoint: int, switched: bool, active: Collection[int]) -> None:
-    """Hand the adjoint of a node on to its arguments."""
-    op, args, _ = b.nodes[at]
-    if op in ("interpolate", "position"):
-        for i, a in enumerate(args):
-            if a in active:
-                sums.add(a, b.call("guard" if switched else "mul", adjoint, _lookup_slope(b, at, i)), switched)
-        return
-    if not args:
-        return
-    rule = OPERATIONS[op]
-    conditions = rule.branches(b, args) if rule.branches else (None,) * len(args)
-    for a, partial, condition in zip(args, rule.partials, conditions, strict=True):
-        if a not in active or partial is None:
-            continue
-        if condition is not None:
-            sums.add(a, b.call("select", condition, adjoint, b.const(0.0)), switched=True)
-        else:
-            sums.add(a, b.call("guard" if switched else "mul", adjoint, partial(b, args, at)), switched)
-
-
-def _lookup_slope(b: Builder, at: int, axis: int) -> int:
-    op, args, payload = b.nodes[at]
-    return b.node("density", args, payload) if op == "position" else b.node("slope", args, (payload, axis))
+def _of_breakpoints(b: Builder, at: int, adjoint: int, switched: bool) -> int:
+    """The derivative with respect to B(p), from that with respect to the position p."""
+    return b.call("guard" if switched else "mul", adjoint, of_breakpoints(b, at))
 
 
 def _starts(b: Builder, states: Sequence[State]) -> list[int]:
     """For each state the node of its first value, other states' first values put in the place of their reads."""
-    done: dict[int, int] = {}
+    number: dict[int, int] = {}  # of each node what it is in the first sample
     open_states: set[int] = set()
 
-    def first(which: int) -> int:
-        if which not in done:
-            if which in open_states:
-                raise ArgumentError("the first value of a state depends on itself")
-            open_states.add(which)
-            done[which] = at_start(states[which].init)
-        return done[which]
-
     def at_start(root: int) -> int:
-        number: dict[int, int] = {}
-        for at in sorted(_cone(b, root)):
-            op, args, payload = b.nodes[at]
-            if op == "state":
-                number[at] = first(payload)
-            elif op in OPERATIONS:
-                number[at] = b.call(op, *(number[a] for a in args))
-            else:
-                number[at] = b.node(op, tuple(number[a] for a in args), payload)
+        for at in cone(b, [root], without=number):
+            if at not in number:
+                number[at] = first_value(at)
         return number[root]
 
-    return [first(which) for which in range(len(states))]
+    def first_value(at: int) -> int:
+        op, args, payload = b.nodes[at]
+        if op == "state":
+            if payload in open_states:
+                raise ArgumentError("the first value of a state depends on itself")
+            open_states.add(payload)
+            return at_start(states[payload].init)
+        renamed = tuple(number[a] for a in args)
+        return b.call(op, *renamed) if op in OPERATIONS else b.node(op, renamed, payload)
 
-
-def _cone(b: Builder, root: int) -> set[int]:
-    seen = {root}
-    stack = [root]
-    while stack:
-        for a in b.nodes[stack.pop()].args:
-            if a not in seen:
-                seen.add(a)
-                stack.append(a)
-    return seen
+    return [at_start(b.node("state", (), which)) for which in range(len(states))]

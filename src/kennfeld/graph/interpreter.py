@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
-from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.derivative import Linearization, Slopes, Written
+from kennfeld.graph.free_axes import AxisKey, free_axes
 from kennfeld.graph.interpolation import (
     cell_weights,
     density,
@@ -15,7 +16,7 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
-from kennfeld.graph.lowering import Lowered, TableRef, lower
+from kennfeld.graph.lowering import AxisRef, Lowered, TableRef, lower
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.parameters import ParameterSet
@@ -53,6 +54,7 @@ class Interpreter:
     def __init__(self, lowered: Lowered, parameters: ParameterSet, widths: Sequence[float] = ()) -> None:
         self.axes = lowered.axes
         self.parameters = parameters
+        self.moving = {key: free.axis.breakpoints for key, free in free_axes(parameters).items()}
         self.widths = tuple(widths) or (0.0,) * len(lowered.axes)
 
     def run(
@@ -106,9 +108,9 @@ class Interpreter:
             case "state":
                 return np.array([memory[payload]])
             case "position":
-                return position(args[0], self.axes[payload.number], payload.extrapolation)
+                return position(args[0], self._points(payload), payload.extrapolation)
             case "density":
-                return density(args[0], self.axes[payload.number], payload.extrapolation)
+                return density(args[0], self._points(payload), payload.extrapolation)
             case "interpolate":
                 return interpolate(self.parameters[payload.name].values, [w for w, _ in self._sides(payload, args)])
             case "slope":
@@ -118,6 +120,9 @@ class Interpreter:
             case _:
                 result: Float = OPERATIONS[op].evaluate(*args)
                 return result
+
+    def _points(self, axis: AxisRef) -> Float:
+        return self.axes[axis.number] if axis.key is None else self.moving.get(axis.key, self.axes[axis.number])
 
     def _sides(self, table: TableRef, args: Sequence[Float]) -> list[tuple[Float, Float]]:
         shape = self.parameters[table.name].values.shape
@@ -132,53 +137,60 @@ class Interpreter:
     def rows(
         self,
         line: Linearization,
-        offsets: Mapping[str, int],
+        offsets: Mapping[str | AxisKey, int],
         columns: Mapping[str, Float],
         starts: Sequence[int] = (0,),
     ) -> Rows:
         """Outputs and their derivatives with respect to all values, by forward sensitivities.
 
-        `offsets` gives the first column of each free parameter; its values follow in C order.
+        `offsets` gives the first column of each free parameter and axis; its values follow in C order.
         """
         samples = next(c.size for c in columns.values())
         run = self.run(line.nodes, line.states, columns, starts, line.starts)
-        width = sum(self.parameters[name].size for name in offsets)
-        weights = {at: self._atom(line.nodes[at], run, offsets, width) for at in {*line.atoms, *line.start_atoms}}
+        width = sum(self.parameters[n].size if isinstance(n, str) else self.moving[n].size for n in offsets)
+        weights = {at: self._atom(at, line.nodes, run, offsets, width) for at in {*line.atoms, *line.start_atoms}}
         jacobian = np.zeros((samples, len(line.outputs), width))
         memory: list[list[Float]] = []
         for k in range(samples):
             if k in starts:
-                first = [self._row(slopes, {}, weights, run, k, width) for slopes in line.start_slopes]
+                first = [self._row(slopes, {}, weights, k, width) for slopes in _slopes(line.start_slopes, run, k)]
                 memory = [[f] * line.states[i].latency for f, i in zip(first, line.carried, strict=True)]
             now = dict(zip(line.seeds, (ring[0] for ring in memory), strict=True))
-            found = [self._row(slopes, now, weights, run, k, width) for slopes in line.slopes]
+            found = [self._row(slopes, now, weights, k, width) for slopes in _slopes(line.slopes, run, k)]
             jacobian[k] = found[: len(line.outputs)]
             for ring, row in zip(memory, found[len(line.outputs) :], strict=True):
                 ring.append(row)
                 del ring[0]
         return Rows(np.stack([run[at] for at in line.outputs], axis=1), jacobian)
 
-    def _atom(self, node: Node, run: Evaluation, offsets: Mapping[str, int], width: int) -> Float:
-        """Weights of one lookup over all columns, (samples, columns)."""
-        sides = [w for w, _ in self._sides(node.payload, [run[a] for a in node.args])]
-        shape = self.parameters[node.payload.name].values.shape
+    def _atom(
+        self, at: int, nodes: Sequence[Node], run: Evaluation, offsets: Mapping[str | AxisKey, int], width: int
+    ) -> Float:
+        """Weights of one lookup or position over all columns, (samples, columns)."""
+        node = nodes[at]
+        if node.op == "position":
+            first = offsets[node.payload.key]
+            weights = cell_weights(run[at], self._points(node.payload).size)[0]
+        else:
+            first, shape = offsets[node.payload.name], self.parameters[node.payload.name].values.shape
+            weights = table_weights([w for w, _ in self._sides(node.payload, [run[a] for a in node.args])], shape)
         spread = np.zeros((len(run[0]), width))
-        at = offsets[node.payload.name]
-        spread[:, at : at + int(np.prod(shape))] = table_weights(sides, shape)
+        spread[:, first : first + weights.shape[1]] = weights
         return spread
 
     @staticmethod
     def _row(
-        slopes: Mapping[int, int],
-        now: Mapping[int, Float],
-        weights: Mapping[int, Float],
-        run: Evaluation,
-        k: int,
-        width: int,
+        slopes: Mapping[int, float], now: Mapping[int, Float], weights: Mapping[int, Float], k: int, width: int
     ) -> Float:
         row = np.zeros(width)
-        for seed, at in slopes.items():
-            slope = run[at][k]
+        for leaf, slope in slopes.items():
             if slope != 0:
-                row += slope * (now[seed] if seed in now else weights[seed][k])
+                row += slope * (now[leaf] if leaf in now else weights[leaf][k])
         return row
+
+
+def _slopes(slopes: Slopes, run: Evaluation, k: int) -> list[Mapping[int, float]]:
+    """The slopes of each row at sample k, by atom or state."""
+    if isinstance(slopes, Written):
+        return [{leaf: float(run[at][k]) for leaf, at in row.items()} for row in slopes.rows]
+    return [slopes.of_row(row, lambda node: float(run[node][k])) for row in range(len(slopes.roots))]

@@ -10,17 +10,21 @@ from typing import NamedTuple
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
+from kennfeld.graph.free_axes import AxisKey, free_axes, key_of
 from kennfeld.graph.node import Builder, Graph, Node, State, extract
 from kennfeld.parameters import Extrapolation, Parameter, ParameterSet
 
-__all__ = ["AxisRef", "Lowered", "TableRef", "dependent", "lower", "rewrite"]
+__all__ = ["AxisRef", "Free", "Lowered", "TableRef", "dependent", "enters", "lower", "rewrite"]
+
+Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
 
 class AxisRef(NamedTuple):
-    """An axis of the lowered graph, and what lies beyond its ends."""
+    """An axis of the lowered graph, and what lies beyond its ends; `key` names it where its breakpoints may move."""
 
     number: int
     extrapolation: Extrapolation
+    key: AxisKey | None = None
 
 
 class TableRef(NamedTuple):
@@ -33,7 +37,10 @@ class TableRef(NamedTuple):
 
 @dataclass(frozen=True)
 class Lowered:
-    """A graph whose lookups are `position` and `interpolate`, and the breakpoints of the axes it searches."""
+    """A graph whose lookups are `position` and `interpolate`, and the breakpoints of the axes it searches.
+
+    Breakpoints that may move are values like those of the tables; here stands where they start.
+    """
 
     graph: Graph
     axes: tuple[Float, ...]
@@ -44,19 +51,22 @@ def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) 
     """The graph with its lookups resolved on the axes of `parameters`.
 
     Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are marked as
-    smoothed: their lookups take the coordinate itself. Raises `ArgumentError` where a table has another number of axes
-    than the graph gives it coordinates.
+    smoothed: their lookups take the coordinate itself. Free axes are not smoothed. Raises `ArgumentError` where a table
+    has another number of axes than the graph gives it coordinates.
     """
     _check(graph, parameters)
-    axes: dict[bytes, int] = {}
+    axes: dict[bytes | AxisKey, int] = {}
     kept: list[Float] = []
+    movable = free_axes(parameters)
 
     def axis_ref(parameter: Parameter, which: int) -> AxisRef:
         points = parameter.index_axes[which].breakpoints
-        number = axes.setdefault(points.tobytes(), len(kept))
+        key = key_of(parameter, which) if parameter.axes else None
+        key = key if key in movable else None
+        number = axes.setdefault(key or points.tobytes(), len(kept))
         if number == len(kept):
             kept.append(points)
-        return AxisRef(number, parameter.extrapolation)
+        return AxisRef(number, parameter.extrapolation, key)
 
     moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in smooth, through_states=False)
 
@@ -66,7 +76,9 @@ def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) 
             return b.call(op, *args) if args else b.node(op, args, payload)
         parameter = parameters[payload]
         refs = tuple(axis_ref(parameter, i) for i in range(len(args)))
-        smoothed = tuple(a in moving and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True))
+        smoothed = tuple(
+            a in moving and ref.key is None and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True)
+        )
         places = tuple(
             x if soft else b.node("position", (x,), ref) for x, ref, soft in zip(args, refs, smoothed, strict=True)
         )
@@ -95,6 +107,17 @@ def rewrite(graph: Graph, resolve: Callable[[Builder, int, tuple[int, ...]], int
     states = [State(number[s.init], number[s.next], s.latency) for s in graph.states]
     names = {name: number[at] for name, at in graph.names.items()}
     return extract(b.nodes, states, names, graph.units, graph.outputs)
+
+
+def enters(node: Node, free: Free) -> bool:
+    """Whether free values enter a step at this node: values of a table, or breakpoints of an axis.
+
+    >>> enters(Node("position", (0,), AxisRef(0, "clip", AxisKey("AxisSpeed"))), [AxisKey("AxisSpeed")])
+    True
+    """
+    if node.op == "position":
+        return node.payload.key is not None and node.payload.key in free
+    return node.op == "interpolate" and node.payload.name in free
 
 
 def dependent(graph: Graph, source: Callable[[Node], bool], *, through_states: bool = True) -> set[int]:

@@ -248,7 +248,8 @@ def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, i
     for user, used in needs.items():
         for at in used - {user}:
             users[at].add(user)
-    return tuple(name for name, at in names.items() if not users[at] or users[at] <= _all_needs(at, needs))
+    loop = _loops(needs, users)
+    return tuple(name for name, at in names.items() if all(loop[user] == loop[at] for user in users[at]))
 
 
 def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, named: Collection[int]) -> set[int]:
@@ -268,12 +269,33 @@ def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, na
     return found
 
 
-def _all_needs(root: int, needs: Mapping[int, set[int]]) -> set[int]:
-    """The named nodes that a named node is computed from, however indirectly."""
-    seen: set[int] = set()
-    stack = [root]
-    while stack:
-        for at in needs[stack.pop()] - seen:
-            seen.add(at)
-            stack.append(at)
-    return seen
+def _loops(needs: Mapping[int, set[int]], users: Mapping[int, set[int]]) -> dict[int, int]:
+    """For each name one that stands for all that need each other (Kosaraju's strongly connected components)."""
+    loop: dict[int, int] = {}
+    for root in reversed(_by_need(needs)):
+        stack = [root]
+        while stack:
+            at = stack.pop()
+            if at not in loop:
+                loop[at] = root
+                stack.extend(users[at])
+    return loop
+
+
+def _by_need(needs: Mapping[int, set[int]]) -> list[int]:
+    """The names in the order in which a depth-first walk along `needs` leaves them."""
+    left: list[int] = []
+    met: set[int] = set()
+    for root in needs:
+        stack = [] if root in met else [(root, iter(needs[root]))]
+        met.add(root)
+        while stack:
+            at, behind = stack[-1]
+            following = next((used for used in behind if used not in met), None)
+            if following is None:
+                left.append(at)
+                stack.pop()
+            else:
+                met.add(following)
+                stack.append((following, iter(needs[following])))
+    return left

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from kennfeld.graph.lowering import dependent, rewrite
+from kennfeld.graph.lowering import Free, dependent, enters, rewrite
 from kennfeld.graph.node import Builder, Graph, extract
 from kennfeld.graph.operations import OPERATIONS
 
@@ -27,8 +27,11 @@ class Split:
     prepared: Graph
 
 
-def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Split:
+def split(graph: Graph, outputs: Collection[str], free: Free) -> Split:
     """Cut a lowered graph, reduced to `outputs`, where values that no free parameter touches enter the rest.
+
+    Searches in an axis belong to the rest: the cell of the sample before is mostly that of the next, so that a column
+    of each would cost more memory than it saves time.
 
     >>> b = Builder()
     >>> slow = b.call("exp", b.input("x"))
@@ -36,10 +39,11 @@ def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Spli
     >>> sorted(split(b.finish({"y": y}), ["y"], ["K"]).columns)
     ['#0']
     """
-    live = dependent(graph, lambda node: node.op == "interpolate" and node.payload.name in free)
-    used = _entering(graph, [graph.names[name] for name in outputs], live)
+    live = dependent(graph, lambda node: enters(node, free))
+    kept = live | {at for at, node in enumerate(graph.nodes) if node.op == "position"}
+    used = _entering(graph, [graph.names[name] for name in outputs], kept)
     costs = _costs(graph)
-    columns = {f"#{i}": at for i, at in enumerate(sorted(a for a in used - live if costs[a] > _WORTH))}
+    columns = {f"#{i}": at for i, at in enumerate(sorted(a for a in used - kept if costs[a] > _WORTH))}
     name_of = {at: name for name, at in columns.items()}
 
     def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
@@ -55,13 +59,13 @@ def split(graph: Graph, outputs: Collection[str], free: Collection[str]) -> Spli
     return Split(rewrite(reduced, resolve), columns, prepared)
 
 
-def _entering(graph: Graph, roots: Collection[int], live: Collection[int]) -> set[int]:
-    """The nodes that the live part of the roots reads, the roots themselves included."""
+def _entering(graph: Graph, roots: Collection[int], kept: Collection[int]) -> set[int]:
+    """The nodes that the kept part of the roots reads, the roots themselves included."""
     seen = set(roots)
     stack = list(seen)
     while stack:
         at = stack.pop()
-        if at not in live:
+        if at not in kept:
             continue
         op, args, payload = graph.nodes[at]
         needs = (graph.states[payload].init, graph.states[payload].next) if op == "state" else args

@@ -3,9 +3,9 @@
 from kennfeld.native.accumulator import Accumulator, Normal
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.kernel import Kernel, Values
+from kennfeld.native.output import Loss, Output
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
-from kennfeld.native.step import Loss, Output
 
 __all__ = [
     "Accumulator",

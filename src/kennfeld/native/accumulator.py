@@ -12,7 +12,7 @@ from itertools import groupby
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.workspace import Workspace
@@ -63,6 +63,12 @@ class Accumulator:
         self._last: tuple[Float, Float] | None = None  # values and widths of the states kept at the chunks' starts
         threads = min(os.cpu_count() or 1, len(self._shares))
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def prepare(self) -> None:
+        """Compile what `normal` will call, so that no iteration waits for it."""
+        sums = ("backward", "forward") if self.sparse else ("rows",)
+        for name in (*(sums if self.kernel.pattern.carried else ("normal",)), "fold"):
+            getattr(self.kernel.sweeps, name)
 
     def _deal(self) -> list[list[Run]]:
         runs: list[Run] = [[c] for c in self.chunks]
@@ -193,6 +199,16 @@ class Accumulator:
                 residual[chunk.first * m : chunk.last * m] = r
                 jacobian[chunk.first * m : chunk.last * m] = j
         return residual, jacobian
+
+    def touched(self, values: Float) -> Int:
+        """For each free value, the samples whose step depends on it; without states, the scored ones among them."""
+        values = self._visit_states(values)
+        space, found = self._workspaces[0], np.zeros(self.kernel.values.free, dtype=np.int64)
+        space.use(values)
+        for chunk in self.chunks:
+            self._linearise(space, chunk)
+            found += space.touched(chunk, scored=not self.stateful)
+        return found
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, aligned
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
-from kennfeld.native.ir import EIGHT, Function, literal
+from kennfeld.native.ir import EIGHT, LANES, Function, literal
 
 __all__ = ["Cholesky", "Factor"]
 
@@ -141,7 +141,7 @@ ZERO, ONE = literal(0.0), literal(1.0)
 @cache
 def _functions() -> dict[str, Callable[..., None]]:
     written = [_load(), _factor(), _forward(), _backward()]
-    engine = Engine("".join(f.text() for f in written))
+    engine = Engine("".join(f.text() for f in written), vectors=True)
     return {f.name: engine.function(f.name, f.parameters) for f in written}
 
 
@@ -164,7 +164,9 @@ def _load() -> Function:
     f = Function("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
     with f.loop(0, "%size") as i:
         row = f.at("%matrix", f.mul(i, "%stride"))
-        _count(f, row, 0, i, lambda j: j, "0")
+        whole = f.new(f"and i64 {i}, -{LANES}")
+        _count_eights(f, row, whole)
+        _count(f, row, whole, i, lambda j: j, "0")
     with f.loop(0, "%blocks") as block, f.loop(0, BLOCK) as lane:
         i = f.add(f.mul(block, BLOCK), lane)
         inside = f.new(f"icmp slt i64 {i}, %size")
@@ -193,6 +195,17 @@ def _count(f: Function, row: str, first: str | int, end: str, index: Callable[[s
         there = f.new(f"fcmp une double {f.load(row, index(k))}, {ZERO}")
         f.store(f.add(f.load(total, kind="i64"), f.new(f"zext i1 {there} to i64")), total, kind="i64")
     f.store(f.add(f.load("%counts", result, "i64"), f.load(total, kind="i64")), "%counts", result, "i64")
+
+
+def _count_eights(f: Function, row: str, end: str) -> None:
+    """Add to the first count the non-zeros of the first `end` entries of a row, a multiple of eight."""
+    with f.walk(end) as (k, position):
+        entries = f.load(f.at(row, k), kind=EIGHT)
+        there = f.new(f"fcmp une {EIGHT} {entries}, zeroinitializer")
+        bits = f.new(f"bitcast <{LANES} x i1> {there} to i{LANES}")
+        count = f.new(f"zext i{LANES} {f.new(f'call i{LANES} @llvm.ctpop.i{LANES}(i{LANES} {bits})')} to i64")
+        f.store(f.add(f.load("%counts", 0, "i64"), count), "%counts", 0, "i64")
+        f.store(f.add(k, LANES), position, kind="i64")
 
 
 def _factor() -> Function:

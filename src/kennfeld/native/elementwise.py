@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from kennfeld.native.ir import Function, literal
+from kennfeld.native.library import ELEMENTARY, call_elementary
 
 __all__ = ["CONDITIONS", "VALUES", "power"]
 
@@ -13,11 +14,12 @@ def _binary(instruction: str) -> Callable[..., str]:
     return lambda f, a, b: f.new(f"{instruction} contract double {a}, {b}")
 
 
-def _call(name: str) -> Callable[..., str]:
-    def emit(f: Function, *args: str) -> str:
-        return f.new(f"call double @{name}({', '.join('double ' + a for a in args)})")
+def _intrinsic(name: str) -> Callable[..., str]:
+    return lambda f, x: f.new(f"call double @llvm.{name}.f64(double {x})")
 
-    return emit
+
+def _elementary(name: str) -> Callable[..., str]:
+    return lambda f, *args: call_elementary(f, name, args)
 
 
 def _extreme(comparison: str) -> Callable[..., str]:
@@ -40,6 +42,12 @@ def _guard(f: Function, a: str, b: str) -> str:
     return f.select(f.new(f"fcmp oeq double {a}, {ZERO}"), ZERO, f.fmul(a, b))
 
 
+def _abs(f: Function, x: str) -> str:
+    # LLVM needs ten times as long for its own fabs in long code, and makes one of this in short code
+    bits = f.new(f"and i64 {f.new(f'bitcast double {x} to i64')}, {2**63 - 1}")
+    return f.new(f"bitcast i64 {bits} to double")
+
+
 def _round(f: Function, x: str) -> str:
     whole = f.new(f"call double @llvm.trunc.f64(double {x})")
     rest = f.new(f"call double @llvm.fabs.f64(double {f.new(f'fsub double {x}, {whole}')})")
@@ -48,8 +56,8 @@ def _round(f: Function, x: str) -> str:
 
 
 def _sign(f: Function, x: str) -> str:
-    unit = f.new(f"call double @llvm.copysign.f64(double {ONE}, double {x})")
-    return f.select(f.new(f"fcmp one double {x}, {ZERO}"), unit, x)
+    above = f.select(f.new(f"fcmp ogt double {x}, {ZERO}"), ONE, x)
+    return f.select(f.new(f"fcmp olt double {x}, {ZERO}"), literal(-1.0), above)
 
 
 def power(f: Function, base: str, exponent: int) -> str:
@@ -65,10 +73,6 @@ def power(f: Function, base: str, exponent: int) -> str:
     return result or ONE
 
 
-_C_LIBRARY = (
-    "exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "pow",
-)  # fmt: skip
-
 VALUES: dict[str, Callable[..., str]] = {
     "add": _binary("fadd"),
     "sub": _binary("fsub"),
@@ -81,9 +85,9 @@ VALUES: dict[str, Callable[..., str]] = {
     "neg": lambda f, x: f.new(f"fneg double {x}"),
     "round": _round,
     "sign": _sign,
-    "abs": _call("llvm.fabs.f64"),
-    **{name: _call(f"llvm.{name}.f64") for name in ("sqrt", "floor", "ceil")},
-    **{name: _call(f"kf_{name}") for name in _C_LIBRARY},
+    "abs": _abs,
+    **{name: _intrinsic(name) for name in ("sqrt", "floor", "ceil")},
+    **{name: _elementary(name) for name in sorted(ELEMENTARY - {"erfc"})},
 }
 
 # Comparisons give an i1; all are false for NaN except `ne`.

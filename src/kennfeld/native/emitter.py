@@ -6,24 +6,26 @@ faster than the length of a block; values that cross a cut travel through a fram
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph import Node
+from kennfeld.graph.free_axes import AxisKey
 from kennfeld.graph.lowering import AxisRef, TableRef
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
 from kennfeld.native.ir import LANES, Function, literal
-from kennfeld.native.smoothing import smooth_window
-from kennfeld.native.tables import Cell, Window, corners, find_cell
+from kennfeld.native.rows import HEAD, load_sample
+from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_window
 
 __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
 
 SEGMENT = 600  # items a function
 
 PARAMETERS = (
-    ("ptr", "data"),  # double[inputs][stride], the samples of one input in a row
-    ("i64", "stride"),
+    ("ptr", "data"),  # ptr[1 + inputs][stride], the order and the inputs, see `rows`; a step's begins at its block
+    ("i64", "stride"),  # blocks of samples
     ("ptr", "values"),  # double[values], all parameters one after the other
     ("ptr", "axes"),  # double[breakpoints], see Layout.breakpoints
     ("ptr", "widths"),  # double[axes], standard deviations of the smoothing
@@ -41,6 +43,7 @@ class Layout:
     shapes: Mapping[str, tuple[int, ...]]
     axes: tuple[Float, ...]
     latencies: tuple[int, ...]  # of the states
+    moving: Mapping[AxisKey, int] = field(default_factory=dict)  # first value of each free axis
     axis_offsets: tuple[int, ...] = field(init=False)
     searches: dict[tuple[int, int], int] = field(default_factory=dict)  # hint of each node searched in an axis
     memory_offsets: tuple[int, ...] = field(init=False)
@@ -87,8 +90,15 @@ class Item:
     node: int | None = None
 
 
+class Truth(NamedTuple):
+    """An i1, or what it is not: a negation costs nothing where something is chosen by it."""
+
+    register: str
+    negated: bool = False
+
+
 class Step:
-    """Code under construction for one sample, within one function."""
+    """Code under construction for one sample, at place `%k` of its block, within one function."""
 
     def __init__(self, f: Function, nodes: Sequence[Node], layout: Layout, frame: Mapping[int, int]) -> None:
         self.f = f
@@ -96,24 +106,33 @@ class Step:
         self.layout = layout
         self.frame = frame
         self._values: dict[int, str] = {}
-        self._conditions: dict[int, str] = {}
+        self._truths: dict[int, Truth] = {}
         self._cells: dict[tuple[int, int], Cell] = {}
         self._windows: dict[tuple[int, AxisRef], Window] = {}
 
     def value(self, node: int) -> str:
         """The double of a node, computed before."""
         if node not in self._values:
-            if node in self._conditions:
-                self._values[node] = self.f.new(f"uitofp i1 {self._conditions[node]} to double")
+            if node in self._truths:
+                self._values[node] = self.choose(node, literal(1.0), literal(0.0))
             else:
                 self._values[node] = self.f.load("%frame", self.frame[node])
         return self._values[node]
 
+    def _truth(self, node: int) -> Truth:
+        if node not in self._truths:
+            self._truths[node] = Truth(self.f.new(f"fcmp une double {self.value(node)}, {literal(0.0)}"))
+        return self._truths[node]
+
     def condition(self, node: int) -> str:
         """The truth of a node, as an i1; NaN is true."""
-        if node not in self._conditions:
-            self._conditions[node] = self.f.new(f"fcmp une double {self.value(node)}, {literal(0.0)}")
-        return self._conditions[node]
+        register, negated = self._truth(node)
+        return self.f.new(f"xor i1 {register}, true") if negated else register
+
+    def choose(self, node: int, a: str, b: str) -> str:
+        """The double a where a node is true, else b."""
+        register, negated = self._truth(node)
+        return self.f.select(register, b, a) if negated else self.f.select(register, a, b)
 
     def compute(self, node: int) -> None:
         """Emit one node."""
@@ -121,11 +140,12 @@ class Step:
         f = self.f
         if op in CONDITIONS:
             a, b = (self.value(x) for x in args)
-            self._conditions[node] = f.new(f"fcmp {CONDITIONS[op]} double {a}, {b}")
+            self._truths[node] = Truth(f.new(f"fcmp {CONDITIONS[op]} double {a}, {b}"))
         elif op in ("and", "or"):
-            self._conditions[node] = f.new(f"{op} i1 {self.condition(args[0])}, {self.condition(args[1])}")
+            self._truths[node] = Truth(f.new(f"{op} i1 {self.condition(args[0])}, {self.condition(args[1])}"))
         elif op == "not":
-            self._conditions[node] = f.new(f"xor i1 {self.condition(args[0])}, true")
+            register, negated = self._truth(args[0])
+            self._truths[node] = Truth(register, not negated)
         else:
             self._values[node] = self._double(node, op, args, payload)
 
@@ -139,7 +159,7 @@ class Step:
             case "const", float():
                 return literal(payload)
             case "input", str():
-                return f.load(f.at("%data", f.mul("%stride", self.layout.inputs[payload])), "%k")
+                return load_sample(f, "%data", HEAD + self.layout.inputs[payload], "%k")
             case "state", int():
                 return f.load("%memory", self.ring(payload))
             case "position", AxisRef():
@@ -152,7 +172,7 @@ class Step:
             case "slope", (TableRef() as table, int() as axis):
                 return self._table(table, args, axis)
             case "select", _:
-                return f.select(self.condition(args[0]), self.value(args[1]), self.value(args[2]))
+                return self.choose(args[0], self.value(args[1]), self.value(args[2]))
             case "pow", _ if (whole := self._whole(args[1])) is not None:
                 return power(f, self.value(args[0]), whole)
             case _:
@@ -174,9 +194,8 @@ class Step:
         if points.size == 1:
             cell = Cell("0", f.fmul(self.value(x), literal(0.0)), single=True)
         else:
-            at = f.at("%axes", self.layout.axis_offsets[axis.number])
             hint = f.at("%hints", self.layout.hint(x, axis), "i64")
-            index, past, width = find_cell(f, self.value(x), at, points.size, hint)
+            index, past, width = find_cell(f, self.value(x), self._points(axis), points.size, hint)
             fraction = f.new(f"fdiv double {past}, {width}")
             if axis.extrapolation == "clip":
                 fraction = f.select(f.new(f"fcmp olt double {fraction}, {literal(0.0)}"), literal(0.0), fraction)
@@ -185,20 +204,26 @@ class Step:
         self._cells[node, points.size] = cell
         return cell
 
+    def _points(self, axis: AxisRef) -> str:
+        """Where the breakpoints of an axis begin."""
+        if axis.key is not None:
+            return self.f.at("%values", self.layout.moving[axis.key])
+        return self.f.at("%axes", self.layout.axis_offsets[axis.number])
+
     def _density(self, x: int, axis: AxisRef) -> str:
         f, points = self.f, self.layout.axes[axis.number]
         if points.size == 1:
             return literal(0.0)
-        at = f.at("%axes", self.layout.axis_offsets[axis.number])
+        at = self._points(axis)
         hint = f.at("%hints", self.layout.hint(x, axis), "i64")
         _, _, width = find_cell(f, self.value(x), at, points.size, hint)
         slope = f.new(f"fdiv double {literal(1.0)}, {width}")
         if axis.extrapolation == "linear":
             return slope
-        low, high = (literal(float(points[i])) for i in (0, -1))
+        low, high = (literal(float(points[i])) if axis.key is None else f.load(at, i % points.size) for i in (0, -1))
         above = f.new(f"fcmp oge double {self.value(x)}, {low}")
         below = f.new(f"fcmp ole double {self.value(x)}, {high}")
-        return f.select(f.new(f"and i1 {above}, {below}"), slope, literal(0.0))
+        return f.select(above, f.select(below, slope, literal(0.0)), literal(0.0))
 
     def sides(self, table: TableRef, args: Sequence[int]) -> list[Cell | Window]:
         """The grid points around the coordinate, an entry an axis."""
@@ -208,14 +233,18 @@ class Step:
             for a, axis, smoothed, count in zip(args, table.axes, table.smoothed, shape, strict=True)
         ]
 
+    def cell(self, position: int) -> Cell:
+        """The breakpoints around a position."""
+        return self._cell(position, self.layout.axes[self.nodes[position].payload.number].size)
+
     def _cell(self, node: int, count: int) -> Cell:
         if (node, count) not in self._cells:
             f, place = self.f, self.value(node)
             if count == 1:
                 return Cell("0", f.fmul(place, literal(0.0)), single=True)
-            whole = f.new(f"call i64 @llvm.fptosi.sat.i64.f64(double {place})")
-            low = f.new(f"call i64 @llvm.smax.i64(i64 {whole}, i64 0)")
-            index = f.new(f"call i64 @llvm.smin.i64(i64 {low}, i64 {count - 2})")
+            low = f.select(f.new(f"fcmp ogt double {place}, {literal(0.0)}"), place, literal(0.0))
+            last = literal(float(count - 2))
+            index = f.new(f"fptosi double {f.select(f.new(f'fcmp olt double {low}, {last}'), low, last)} to i64")
             past = f.new(f"fsub double {place}, {f.new(f'sitofp i64 {index} to double')}")
             self._cells[node, count] = Cell(index, past)
         return self._cells[node, count]
@@ -246,7 +275,7 @@ class Step:
 def emit_items(
     name: str, passed: Sequence[tuple[str, str]], items: Sequence[Item], nodes: Sequence[Node], layout: Layout
 ) -> str:
-    """A function `name` that runs the items for sample `%k`; long lists become several functions.
+    """A function `name` that runs the items for the sample at `%k`; long lists become several functions.
 
     `passed` are its parameters besides `k`.
     """

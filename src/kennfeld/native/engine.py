@@ -1,7 +1,6 @@
 """LLVM IR text to callable machine code, compiled in memory."""
 
 import ctypes
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -9,12 +8,9 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-__all__ = ["C_FUNCTIONS", "Engine"]
+from kennfeld.native.library import c_function
 
-C_FUNCTIONS = {
-    "exp": 1, "log": 1, "log10": 1, "sin": 1, "cos": 1, "tan": 1, "asin": 1, "acos": 1, "atan": 1, "atan2": 2,
-    "sinh": 1, "cosh": 1, "tanh": 1, "pow": 2, "erfc": 1,
-}  # fmt: skip
+__all__ = ["Engine", "Shared"]
 
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
 
@@ -22,26 +18,51 @@ _compiling = threading.Lock()
 
 
 class Engine:
-    """Machine code of one module; it lives as long as this object and the functions it handed out."""
+    """Machine code of one module; it lives as long as this object and the functions it handed out.
 
-    def __init__(self, text: str) -> None:
+    `vectors` tells that the text works on vectors already: what LLVM would look for to optimise is not there.
+    """
+
+    def __init__(self, text: str, *, vectors: bool = False) -> None:
         with _compiling:
             long = len(text) > LONG
             self._machine = _target_machine(effort=0 if long else 2)
             module = llvm.parse_assembly(_DECLARATIONS + text)
             module.triple = self._machine.triple
             module.data_layout = str(self._machine.target_data)
-            (_tidy if long else _optimise)(module, self._machine)
+            (_tidy if long or vectors else _optimise)(module, self._machine)
             self._engine = llvm.create_mcjit_compiler(module, self._machine)
             self._engine.finalize_object()
 
+    def address(self, name: str) -> int:
+        """Where a compiled function begins."""
+        return int(self._engine.get_function_address(name))
+
     def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> Callable[..., None]:
         """The compiled function with these (type, name) parameters; arrays are passed by their address."""
-        address = self._engine.get_function_address(name)
-        made: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(address)
+        made: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(self.address(name))
         made.engine = self
         called: Callable[..., None] = made
         return called
+
+
+class Shared:
+    """A function that knows no model, as generated code calls it: compiled once, when it is first needed.
+
+    `write` gives its text, after that of what it calls.
+    """
+
+    def __init__(self, name: str, write: Callable[[], str]) -> None:
+        self._name, self._write = name, write
+        self._compiled: tuple[Engine, str] | None = None
+        self._lock = threading.Lock()  # two threads might compile, and the engine of one be gone when it is called
+
+    def __str__(self) -> str:
+        with self._lock:
+            if self._compiled is None:
+                engine = Engine(self._write())
+                self._compiled = engine, f"inttoptr (i64 {engine.address(self._name)} to ptr)"
+            return self._compiled[1]
 
 
 _KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
@@ -51,15 +72,8 @@ _KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
 def _initialise() -> None:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    library = _c_library()
-    for name in (*C_FUNCTIONS, "memset", "memcpy", "memmove"):
-        address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-        llvm.add_symbol("kf_" + name if name in C_FUNCTIONS else name, address)
-
-
-def _c_library() -> ctypes.CDLL:
-    """The C library with the elementary functions, by each system's own name."""
-    return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
+    for name in ("memset", "memcpy", "memmove"):  # LLVM itself writes calls of these
+        llvm.add_symbol(name, c_function(name))
 
 
 def _target_machine(effort: int) -> Any:
@@ -95,22 +109,20 @@ def _optimise(module: Any, machine: Any) -> None:
     builder.getModulePassManager().run(module, builder)
 
 
-def _declare(name: str, arguments: int) -> str:
-    return f"declare double @kf_{name}({', '.join(['double'] * arguments)}) nounwind memory(none)\n"
-
-
-_INTRINSICS = """
+_DECLARATIONS = """
 declare double @llvm.fabs.f64(double)
 declare double @llvm.sqrt.f64(double)
 declare double @llvm.copysign.f64(double, double)
 declare double @llvm.floor.f64(double)
 declare double @llvm.ceil.f64(double)
 declare double @llvm.trunc.f64(double)
-declare i64 @llvm.fptosi.sat.i64.f64(double)
 declare i64 @llvm.smin.i64(i64, i64)
+declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 declare i64 @llvm.smax.i64(i64, i64)
+declare i8 @llvm.ctpop.i8(i8)
 declare double @llvm.maxnum.f64(double, double)
 declare <8 x double> @llvm.fabs.v8f64(<8 x double>)
 declare double @llvm.vector.reduce.fadd.v8f64(double, <8 x double>)
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 """
-_DECLARATIONS = _INTRINSICS + "".join(_declare(name, count) for name, count in C_FUNCTIONS.items())

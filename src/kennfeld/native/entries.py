@@ -1,17 +1,19 @@
-"""Code that writes the entries of a tape: the columns that a sample touches, and the slopes of every row there."""
+"""Code that writes the entries of a tape: the columns that a sample touches, and what belongs to each.
 
-from collections.abc import Callable, Mapping, Sequence
+A lookup touches the grid points around its coordinate; a position on a free axis the breakpoints around it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.derivative import Linearization
 from kennfeld.native.emitter import Item, Layout, Step
-from kennfeld.native.ir import literal
 from kennfeld.native.tables import Corner, corners
 
-__all__ = ["Entries", "entries_of", "entry_items"]
+__all__ = ["Entries", "EntryWriter", "entries_of", "entry_items"]
 
-ZERO = literal(0.0)
-SlopeOf = Callable[[Step, int, int], str]  # the slope of a row with respect to an atom
+# Called for each grid point of an atom: the number of the entry in its sample, that in the tape, and its weight.
+EntryWriter = Callable[[str, str, str], None]
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,9 @@ def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Ent
     room, fixed = 0, True
     for atom in atoms:
         points = 1
+        if line.nodes[atom].op == "position":
+            room += min(layout.axes[line.nodes[atom].payload.number].size, 2)
+            continue
         table = line.nodes[atom].payload
         for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
             points *= count if smoothed else min(count, 2)
@@ -39,13 +44,12 @@ def entry_items(
     line: Linearization,
     layout: Layout,
     atoms: Sequence[int],
-    rows: Sequence[Mapping[int, int]],
-    slope_of: SlopeOf,
-    also: Sequence[int] = (),
+    writer: Callable[[Step, int], EntryWriter],
+    needs: Callable[[int], Iterable[int]],
 ) -> list[Item]:
-    """Items that write the grid points of each atom, one after the other; `rows` are the slopes' nodes by atom.
+    """Items that go through the grid points of each atom, one after the other, and write their columns.
 
-    `slope_of` writes a slope; `also` are nodes that it uses besides.
+    `writer(step, atom)` says how to write the rest, `needs(atom)` are the nodes it uses.
     """
     entries = entries_of(line, layout, atoms)
 
@@ -54,50 +58,61 @@ def entry_items(
 
     items, first = [Item((), begin)], 0
     for atom in atoms:
-        writer = _Writer(line, layout, entries, rows, slope_of, atom, first)
-        items.append(Item((*writer.needs, *also), writer.emit))
+        points = _Points(line, layout, entries, writer, atom, first)
+        items.append(Item((*points.needs, *needs(atom)), points.emit))
         first += entries_of(line, layout, [atom]).room
     return items
 
 
 @dataclass(frozen=True)
-class _Writer:
-    """Writes the entries of one atom; the first is number `first` where all samples have as many."""
+class _Points:
+    """The grid points of one atom; the first is entry `first` where all samples have as many."""
 
     line: Linearization
     layout: Layout
     entries: Entries
-    rows: Sequence[Mapping[int, int]]
-    slope_of: SlopeOf
+    writer: Callable[[Step, int], EntryWriter]
     atom: int
     first: int
 
     @property
     def needs(self) -> tuple[int, ...]:
-        """The nodes whose values the code uses."""
-        return (*self.line.nodes[self.atom].args, *(row[self.atom] for row in self.rows if self.atom in row))
+        """The nodes whose values the columns use."""
+        op, args, _ = self.line.nodes[self.atom]
+        return (self.atom,) if op == "position" else args
 
     def emit(self, step: Step) -> None:
-        """Write all grid points of the atom."""
-        slopes = [self.slope_of(step, r, self.atom) if self.atom in row else ZERO for r, row in enumerate(self.rows)]
-        _, args, table = self.line.nodes[self.atom]
+        """Write all entries of the atom."""
+        write = self.writer(step, self.atom)
         start = step.f.mul("%row", self.entries.room)
-        for number, corner in enumerate(corners(step.f, step.sides(table, args), self.layout.strides(table.name))):
-            self._write(step, step.f.add(start, self._number(step, number)), corner, slopes)
+        for number, corner in enumerate(self._corners(step)):
+            entry = self._number(step, number)
+            place = step.f.add(start, entry)
+            self._write_column(step, place, corner)
+            write(entry, place, corner.weight)
             self._count(step)
+
+    def _corners(self, step: Step) -> Iterator[Corner]:
+        op, args, payload = self.line.nodes[self.atom]
+        if op == "position":
+            return corners(step.f, [step.cell(self.atom)], [1])
+        return corners(step.f, step.sides(payload, args), self.layout.strides(payload.name))
+
+    @property
+    def _column(self) -> int:
+        """The first column of the table or axis."""
+        op, _, payload = self.line.nodes[self.atom]
+        return self.layout.moving[payload.key] if op == "position" else self.layout.offsets[payload.name]
 
     def _number(self, step: Step, number: int) -> str:
         if self.entries.fixed:
             return str(self.first + number)
         return step.f.new(f"sext i32 {step.f.load('%count', '%row', 'i32')} to i64")
 
-    def _write(self, step: Step, place: str, corner: Corner, slopes: Sequence[str]) -> None:
+    def _write_column(self, step: Step, place: str, corner: Corner) -> None:
         f = step.f
-        column = f.add(corner.index, self.layout.offsets[self.line.nodes[self.atom].payload.name])
+        column = f.add(corner.index, self._column)
         f.store(f.new(f"trunc i64 {column} to i32"), "%index", place, "i32")
-        into = f.at("%slope", f.mul(place, len(slopes)))
-        for row, slope in enumerate(slopes):
-            f.store(ZERO if slope == ZERO else step.product(slope, corner.weight), into, row)
 
     def _count(self, step: Step) -> None:
         if not self.entries.fixed:

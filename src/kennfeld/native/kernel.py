@@ -1,18 +1,21 @@
 """A model compiled for one set of free parameters: cost, gradient and Gauss-Newton matrix as native functions."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization, differentiate
-from kennfeld.graph.lowering import Lowered
+from kennfeld.graph.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.graph.lowering import Free, Lowered
 from kennfeld.native.emitter import Layout
 from kennfeld.native.entries import entries_of
-from kennfeld.native.step import Output, compiled, cost_code, start_code, tape_code
+from kennfeld.native.output import Output
+from kennfeld.native.step import compiled, cost_code
 from kennfeld.native.sweeps import Pattern, sweeps
+from kennfeld.native.tape import start_code, tape_code
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Kernel", "Values", "input_rows", "order_values"]
@@ -22,13 +25,16 @@ __all__ = ["Kernel", "Values", "input_rows", "order_values"]
 class Values:
     """All values of the looked-up parameters in one array: those of free parameters first, as columns of J.
 
-    Parameters that can reach a state come before the others; `reach` counts their values.
+    Parameters that can reach a state come before the others; `reach` counts their values. Breakpoints of axes marked as
+    free stand among them, at `moving`; `places` says in which table and direction each such axis is found.
     """
 
     offsets: dict[str, int]
     free: int
     reach: int
     total: int
+    moving: Mapping[AxisKey, int] = field(default_factory=dict)
+    places: Mapping[AxisKey, tuple[str, int]] = field(default_factory=dict)
 
     def pack(self, parameters: ParameterSet) -> Float:
         """The array that holds these parameters."""
@@ -36,35 +42,61 @@ class Values:
         for name, at in self.offsets.items():
             values = parameters[name].values
             flat[at : at + values.size] = values.ravel()
+        for key, at in self.moving.items():
+            points = self._points(key, parameters)
+            flat[at : at + points.size] = points
         return flat
 
+    def _points(self, key: AxisKey, parameters: ParameterSet) -> Float:
+        table, which = self.places[key]
+        return parameters[table].axes[which].breakpoints
+
     def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
-        """The set with the free values replaced."""
+        """The set with the free values and breakpoints replaced."""
         changed = [
             parameters[name].with_values(flat[at : at + parameters[name].size])
             for name, at in self.offsets.items()
             if at < self.free
         ]
-        return parameters.with_parameters(*changed)
+        moved = self.breakpoints(flat, parameters)
+        return with_breakpoints(parameters.with_parameters(*changed), moved)
+
+    def breakpoints(self, flat: Float, parameters: ParameterSet) -> dict[AxisKey, Float]:
+        """The free breakpoints of each axis."""
+        free = {key: at for key, at in self.moving.items() if at < self.free}
+        return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
 
 
-def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Collection[str]) -> Values:
-    """Offsets of the parameters in the array of values."""
-    states = [*line.slopes[len(line.outputs) :], *line.start_slopes]
-    reaching = {line.nodes[at].payload.name for row in states for at in row if at not in line.seeds}
+def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> Values:
+    """Offsets of the parameters, and of the axes marked as free, in the array of values."""
+    states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
+    reaching = {_owner(line.nodes[at]) for row in states for at in row if at not in line.seeds}
+    searched = (n.payload.key for n in line.nodes if n.op in ("position", "density"))
+    axes = free_axes(parameters)
+    sizes: dict[str | AxisKey, int] = {name: parameters[name].size for name in used}
+    sizes |= {key: len(axes[key].axis) for key in searched if key is not None}
     groups = [
-        [n for n in used if n in free and n in reaching],
-        [n for n in used if n in free and n not in reaching],
-        [n for n in used if n not in free],
+        [n for n in sizes if n in free and n in reaching],
+        [n for n in sizes if n in free and n not in reaching],
+        [n for n in sizes if n not in free],
     ]
-    offsets: dict[str, int] = {}
+    first: dict[str | AxisKey, int] = {}
     ends, at = [], 0
     for group in groups:
         for name in group:
-            offsets[name] = at
-            at += parameters[name].size
+            first[name] = at
+            at += sizes[name]
         ends.append(at)
-    return Values(offsets, free=ends[1], reach=ends[0], total=at)
+    offsets = {name: at for name, at in first.items() if isinstance(name, str)}
+    moving = {key: at for key, at in first.items() if not isinstance(key, str)}
+    places = {key: axes[key].places[0] for key in moving}
+    return Values(offsets, free=ends[1], reach=ends[0], total=at, moving=moving, places=places)
+
+
+def _owner(atom: Node) -> str | AxisKey:
+    """The parameter or axis whose values enter at an atom."""
+    owner: str | AxisKey = atom.payload.key if atom.op == "position" else atom.payload.name
+    return owner
 
 
 class Kernel:
@@ -73,9 +105,7 @@ class Kernel:
     Making one compiles it. A kernel holds no data and can be used by several threads at once.
     """
 
-    def __init__(
-        self, lowered: Lowered, outputs: Sequence[Output], parameters: ParameterSet, free: Collection[str]
-    ) -> None:
+    def __init__(self, lowered: Lowered, outputs: Sequence[Output], parameters: ParameterSet, free: Free) -> None:
         graph = lowered.graph
         self.outputs = tuple(outputs)
         self.line = differentiate(graph, [output.node for output in outputs], free)
@@ -86,6 +116,7 @@ class Kernel:
             lowered.shapes,
             lowered.axes,
             tuple(state.latency for state in graph.states),
+            self.values.moving,
         )
         self.axes = self.layout.breakpoints
         self.pattern = _pattern(self.line)
@@ -112,7 +143,7 @@ class Kernel:
 
 def _pattern(line: Linearization) -> Pattern:
     m, n = len(line.outputs), len(line.seeds)
-    present = [frozenset(i for i, seed in enumerate(line.seeds) if seed in row) for row in line.slopes]
+    present = [frozenset(i for i, seed in enumerate(line.seeds) if seed in row) for row in line.slopes.reach]
     c, a = (
         frozenset(row * n + i for row, columns in enumerate(rows) for i in columns)
         for rows in (present[:m], present[m:])

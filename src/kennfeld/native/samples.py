@@ -1,12 +1,14 @@
 """The measurement as the kernels read it: one row a channel, pieces one after the other."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
+from kennfeld.native.rows import BLOCK, Order, Row, Rows
 
 __all__ = ["Chunk", "Piece", "Samples", "shares"]
 
@@ -35,22 +37,40 @@ class Chunk:
         return self.last - self.first
 
 
-@dataclass(frozen=True)
 class Samples:
-    """Inputs and targets of all samples; a target of NaN is not scored."""
+    """Inputs and targets of all samples, read where they lie; a target of NaN is not scored.
 
-    data: Float  # Float[inputs, samples]
-    targets: Float  # Float[outputs, samples]
-    pieces: tuple[Piece, ...]
+    A row may be several arrays that follow each other. Without memory, samples may be visited in another `order` than
+    they come, and left out of it; pieces and chunks count the samples that are visited.
+    """
 
-    def __post_init__(self) -> None:
-        for name in ("data", "targets"):
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float64))
+    def __init__(
+        self, data: Iterable[Row], targets: Iterable[Row], pieces: Sequence[Piece], order: Order | None = None
+    ) -> None:
+        self.wanted = Rows(targets)
+        self.inputs = Rows(data, self.wanted.count)
+        self.pieces, self.order = tuple(pieces), order
+        self.data, self.targets = self.inputs.headed(order), self.wanted.addresses
 
     @property
     def count(self) -> int:
-        """How many samples there are."""
-        return int(self.targets.shape[1])
+        """How many samples are visited."""
+        return self.wanted.count if self.order is None else self.order.size
+
+    def targets_of(self, visits: Int) -> Float:
+        """The targets at some visits, shape (outputs, visits)."""
+        return self.wanted.take(visits if self.order is None else self.order[visits])
+
+    def inputs_of(self, visits: Int) -> Float:
+        """The inputs at some visits, shape (inputs, visits)."""
+        return self.inputs.take(visits if self.order is None else self.order[visits])
+
+    def scored(self, piece: Piece) -> Int:
+        """How many samples of a piece each output is scored at."""
+        found = np.zeros(len(self.targets), dtype=np.int64)
+        for first in range(piece.first, piece.last, BLOCK):
+            found += np.isfinite(self.targets_of(np.arange(first, min(first + BLOCK, piece.last)))).sum(axis=1)
+        return found
 
     def thinned(self, most: int) -> "Samples":
         """Evenly picked samples of each piece, about `most` in all, weighing as much as all of them.
@@ -68,13 +88,27 @@ class Samples:
             pieces.append(Piece(at, at + count, piece.scores * (length / count)))
             at += count
         chosen = np.concatenate(picked)
-        return Samples(self.data[:, chosen], self.targets[:, chosen], tuple(pieces))
+        samples = chosen if self.order is None else self.order[chosen]
+        return Samples(self.inputs.take(samples), self.wanted.take(samples), pieces)
+
+    def reweighted(self, factors: Float) -> "Samples":
+        """The same samples with the weight of each output times a factor."""
+        made = copy(self)
+        made.pieces = tuple(replace(piece, scores=piece.scores * factors) for piece in self.pieces)
+        return made
+
+    def with_inputs(self, rows: Sequence[int]) -> "Samples":
+        """The same samples with these rows of the inputs."""
+        return Samples([self.inputs.parts[row] for row in rows], self.wanted.parts, self.pieces, self.order)
 
     def _last_scored(self, piece: Piece) -> int:
         """One past the last sample of a piece that counts."""
-        wanted = self.targets[piece.scores != 0, piece.first : piece.last]
-        scored = np.flatnonzero(np.isfinite(wanted).any(axis=0))
-        return piece.first + (int(scored[-1]) + 1 if scored.size else 0)
+        for last in range(piece.last, piece.first, -BLOCK):
+            visits = np.arange(max(last - BLOCK, piece.first), last)
+            scored = np.flatnonzero(np.isfinite(self.targets_of(visits)[piece.scores != 0]).any(axis=0))
+            if scored.size:
+                return int(visits[scored[-1]]) + 1
+        return piece.first
 
     def chunks(self, length: int) -> list[Chunk]:
         """The pieces up to their last scored sample, cut into chunks of at most `length`.

@@ -1,6 +1,6 @@
 """A compiled model that only computes: the values of chosen nodes over all samples."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,7 +9,9 @@ from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.lowering import Lowered
 from kennfeld.native.emitter import Layout
 from kennfeld.native.kernel import input_rows, order_values
-from kennfeld.native.step import compiled, start_code, values_code
+from kennfeld.native.rows import Rows
+from kennfeld.native.step import compiled, values_code
+from kennfeld.native.tape import start_code
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Simulator"]
@@ -29,6 +31,7 @@ class Simulator:
             lowered.shapes,
             lowered.axes,
             tuple(state.latency for state in lowered.graph.states),
+            self._values.moving,
         )
         self._axes = self._layout.breakpoints
         self._roots = tuple(roots)
@@ -48,16 +51,24 @@ class Simulator:
 
         States start anew at the samples `starts`.
         """
-        data = np.ascontiguousarray(data, dtype=np.float64)
-        count = data.shape[1]
+        return self._run_rows(parameters, Rows(data, data.shape[1]), starts)
+
+    def over(
+        self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int] = (0,)
+    ) -> Float:
+        """The same, from columns of `count` samples by name, which are read where they are."""
+        return self._run_rows(parameters, Rows([columns[name] for name in self.inputs], count), starts)
+
+    def _run_rows(self, parameters: ParameterSet, rows: Rows, starts: Sequence[int]) -> Float:
+        count = rows.count
         out = np.empty((len(self._roots), count))
         values, widths = self._values.pack(parameters), np.zeros(max(len(self._layout.axes), 1))
         memory, hints = np.zeros(self._layout.memory), np.zeros(max(self._layout.hints, 1), dtype=np.int64)
         if count == 0:
             return out
-        room = np.zeros(8)
+        room, table = np.zeros(8), rows.headed(None)
         arrays = (values, self._axes, widths, memory, hints)
-        model = (data.ctypes.data, count, *(array.ctypes.data for array in arrays))
+        model = (table.ctypes.data, table.shape[1], *(array.ctypes.data for array in arrays))
         for first, last in zip(starts, [*starts[1:], count], strict=True):
             if self._start is not None:
                 self._start(*model, *([room.ctypes.data] * 3), first)

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
 from kennfeld.native.ir import EIGHT, LANES, Function, literal
-from kennfeld.native.tables import Window
 
-__all__ = ["smooth_function", "smooth_window"]
+__all__ = ["smooth"]
 
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
 # interpolation, with a relative error below 4e-15.
@@ -28,35 +27,23 @@ ROUNDER = 1.5 * 2.0**52  # adding it rounds to a whole number, which then stands
 ONES = 1023 << 52  # the bits of 1.0
 
 
-def smooth_window(f: Function, x: str, points: str, count: int, width: str, linear: bool) -> Window:
-    """The window of weights of a smoothed axis around x."""
-    weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
-    bounds = f.slot("i64", 2)
-    f.do(
-        f"call void @kf_smooth(ptr {points}, i64 {count}, double {x}, double {width}, "
-        f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
-    )
-    return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)
-
-
-def smooth_function() -> str:
-    """`kf_smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
+def smooth() -> Function:
+    """`smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
 
     `points`, `weights` and `slopes` have room for `LANES` more.
     """
     f = Function(
-        "kf_smooth",
+        "smooth",
         [
             *(("ptr", "points"), ("i64", "count"), ("double", "x"), ("double", "width"), ("i1", "linear")),
             *(("ptr", "weights"), ("ptr", "slopes"), ("ptr", "bounds")),
         ],
-        "noinline",
     )
     reach = f.fmul("%width", literal(WINDOW))
     cells = f.slot("i64", 2)
     for which, edge in enumerate(("fsub", "fadd")):
         x = f.new(f"{edge} double %x, {reach}")
-        f.do(f"call void @kf_search(ptr %points, i64 %count, double {x}, ptr {f.at(cells, which, 'i64')})")
+        f.do(f"call void @search(ptr %points, i64 %count, double {x}, ptr {f.at(cells, which, 'i64')})")
     first, last = f.load(cells, 0, "i64"), f.load(cells, 1, "i64")
     end = f.add(last, 2)
     f.store(first, "%bounds", 0, "i64")
@@ -65,7 +52,7 @@ def smooth_function() -> str:
     with f.when("%linear"):
         _straight_ends(f)
     _differences(f, first, end)
-    return f.text()
+    return f
 
 
 def _ramps(f: Function, first: str, end: str) -> None:

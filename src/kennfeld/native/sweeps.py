@@ -11,11 +11,13 @@ from functools import cache, cached_property
 
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
+from kennfeld.native.manystates import ManyStates, add_combination
 
 __all__ = ["VECTOR", "Pattern", "Sweeps", "sweeps"]
 
 TERMS = 4  # factors of S that are added at once: more no longer fit the registers
 VECTOR = 8  # rows of S are padded to a multiple of this; what goes over the end of a matrix row adds zeros
+MANY = 8  # states beyond which loops over them are faster than code for each
 ZERO, HALF = literal(0.0), literal(0.5)
 Rows = list[str]
 
@@ -69,7 +71,7 @@ class Sweeps:
     @cached_property
     def rows(self) -> Callable[..., None]:
         """See `_rows`."""
-        return _compiled(_rows(self.pattern))
+        return _compiled(*_rows(self.pattern))
 
     @cached_property
     def fold(self) -> Callable[..., None]:
@@ -83,8 +85,10 @@ def sweeps(pattern: Pattern) -> Sweeps:
     return Sweeps(pattern)
 
 
-def _compiled(f: Function, *helpers: Function) -> Callable[..., None]:
-    return Engine("".join(g.text() for g in (*helpers, f))).function(f.name, f.parameters)
+def _compiled(*functions: Function) -> Callable[..., None]:
+    """The last of the functions, which may call the others."""
+    f = functions[-1]
+    return Engine("".join(g.text() for g in functions)).function(f.name, f.parameters)
 
 
 def _row(f: Function, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
@@ -101,8 +105,10 @@ def _times(f: Function, a: str, b: str) -> str:
     return ZERO if ZERO in (a, b) else f.fmul(a, b)
 
 
-def _entries(f: Function, k: str, width: int) -> tuple[str, Callable[[str], tuple[str, Rows]]]:
-    """How many entries sample k has, and a reader of their column and slopes."""
+def _entries(
+    f: Function, k: str, width: int, wanted: int | None = None
+) -> tuple[str, Callable[[str], tuple[str, Rows]]]:
+    """How many entries sample k has, and a reader of their column and slopes, or of the first `wanted` slopes."""
     count = f.new(f"sext i32 {f.load('%count', k, 'i32')} to i64")
     start = f.mul(k, "%room")
 
@@ -110,7 +116,7 @@ def _entries(f: Function, k: str, width: int) -> tuple[str, Callable[[str], tupl
         place = f.add(start, number)
         column = f.new(f"sext i32 {f.load('%index', place, 'i32')} to i64")
         base = f.at("%slope", f.mul(place, width))
-        return column, [f.load(base, i) for i in range(width)]
+        return column, [f.load(base, i) for i in range(width if wanted is None else wanted)]
 
     return count, read
 
@@ -204,7 +210,7 @@ def _forward(pattern: Pattern) -> list[Function]:
         with f.when(f.new(f"xor i1 {many}, true")):
             _add_batch(f, pattern, k, 1)
             f.store(f.add(k, 1), position, kind="i64")
-    return [f, *(_add_rows_function(count, n * size) for count in (1, 2) for size in sorted({1, batch}))]
+    return [*(_add_rows_function(count, n * size) for count in (1, 2) for size in sorted({1, batch})), f]
 
 
 def _compare_columns(f: Function, k: str, batch: int, result: str) -> None:
@@ -368,7 +374,7 @@ def _add_rows(f: Function, target: str, rows: Rows, factors: Rows) -> None:
         f.increase(_dot(f, factors, [f.load(row, j) for row in rows]), target, j)
 
 
-def _rows(pattern: Pattern) -> Function:
+def _rows(pattern: Pattern) -> list[Function]:
     """`rows(length, weight, c, a, sensitivities, width, rings, entries, jacobian, columns)`: sqrt(w) times rows of J.
 
     A state of latency d has d rows of S in a ring; `rings[i]` is where its oldest one stands.
@@ -381,27 +387,57 @@ def _rows(pattern: Pattern) -> Function:
     with f.loop(0, "%length") as k:
         weight = _row(f, "%weight", k, m)
         roots = [f.new(f"call double @llvm.sqrt.f64(double {w})") for w in weight]
-        c, a = _row(f, "%c", k, m * n, pattern.c), _row(f, "%a", k, n * n, pattern.a)
         places = [f.add(f.load("%rings", i, "i64"), bases[i]) for i in range(n)]
         s = [f.at("%sensitivities", f.mul("%width", place)) for place in places]
         out = [f.at("%jacobian", f.mul(f.add(f.mul(k, m), o), "%columns")) for o in range(m)]
-        for o in range(m):
-            with f.loop(0, "%columns") as j:
-                f.store(ZERO, out[o], j)
-            if n:
-                factors = [_times(f, roots[o], c[o * n + i]) for i in range(n)]
-                _add_rows(f, out[o], s, factors)
+        (_many_rows if n > MANY else _few_rows)(f, pattern, k, s, roots, out)
+        _turn_rings(f, latencies)
+    return [add_combination(n), f] if n > MANY else [f]
+
+
+def _few_rows(f: Function, pattern: Pattern, k: str, s: Rows, roots: Rows, out: Rows) -> None:
+    """The rows of one sample and the next S, all written out."""
+    m, n = pattern.outputs, pattern.carried
+    c, a = _row(f, "%c", k, m * n, pattern.c), _row(f, "%a", k, n * n, pattern.a)
+    for o in range(m):
+        _clear_row(f, out[o])
         if n:
-            _next_rows(f, s, a)
-        count, read = _entries(f, k, m + n)
-        with f.loop(0, count) as e:
-            column, slopes = read(e)
-            for o in range(m):
-                f.increase(f.fmul(roots[o], slopes[o]), out[o], column)
-            for i in range(n):
-                f.increase(slopes[m + i], f.at("%next", f.mul("%width", i)), column)
-        _turn_rings(f, s, latencies)
-    return f
+            _add_rows(f, out[o], s, [_times(f, roots[o], c[o * n + i]) for i in range(n)])
+    if n:
+        _next_rows(f, s, a)
+    count, read = _entries(f, k, m + n)
+    with f.loop(0, count) as e:
+        column, slopes = read(e)
+        for o in range(m):
+            f.increase(f.fmul(roots[o], slopes[o]), out[o], column)
+        for i in range(n):
+            f.increase(slopes[m + i], f.at("%next", f.mul("%width", i)), column)
+    for i in range(n):
+        with f.loop(0, _whole(f)) as j:
+            f.store(f.load(f.at("%next", f.mul("%width", i)), j), s[i], j)
+
+
+def _many_rows(f: Function, pattern: Pattern, k: str, s: Rows, roots: Rows, out: Rows) -> None:
+    """The same by loops over the states."""
+    m, n = pattern.outputs, pattern.carried
+    states = ManyStates(f, s)
+    for o in range(m):
+        _clear_row(f, out[o])
+        states.add_output(out[o], roots[o], f.at("%c", f.mul(f.add(f.mul(k, m), o), n)))
+    states.step(f.at("%a", f.mul(k, n * n)))
+    count, read = _entries(f, k, m + n, m)
+    with f.loop(0, count) as e:
+        column, slopes = read(e)
+        for o in range(m):
+            f.increase(f.fmul(roots[o], slopes[o]), out[o], column)
+        place = f.mul(f.add(f.mul(k, "%room"), e), m + n)
+        states.add_entry(column, f.at("%slope", f.add(place, m)))
+    states.turn()
+
+
+def _clear_row(f: Function, row: str) -> None:
+    with f.loop(0, "%columns") as j:
+        f.store(ZERO, row, j)
 
 
 def _next_rows(f: Function, s: Rows, a: Rows) -> None:
@@ -413,11 +449,9 @@ def _next_rows(f: Function, s: Rows, a: Rows) -> None:
             f.store(_dot(f, a[i * n : i * n + n], old), f.at("%next", f.mul("%width", i)), j)
 
 
-def _turn_rings(f: Function, s: Rows, latencies: Sequence[int]) -> None:
-    """Put the next rows in the place of the oldest, and move on."""
+def _turn_rings(f: Function, latencies: Sequence[int]) -> None:
+    """Move on to what is the oldest row of each state now."""
     for i, latency in enumerate(latencies):
-        with f.loop(0, _whole(f)) as j:
-            f.store(f.load(f.at("%next", f.mul("%width", i)), j), s[i], j)
         if latency > 1:
             following = f.add(f.load("%rings", i, "i64"), 1)
             wrapped = f.new(f"icmp eq i64 {following}, {latency}")

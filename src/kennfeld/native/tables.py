@@ -1,4 +1,4 @@
-"""LLVM IR of table lookups: search in an axis, weights of the grid points, value and slopes.
+"""LLVM IR of table lookups: weights of the grid points around a coordinate, value and slopes.
 
 A lookup is a list of sides, one an axis. A side knows the weights of the grid points around the coordinate: the two
 ends of a cell, or, for a smoothed axis, a window of weights computed at run time (see `smoothing`).
@@ -7,9 +7,10 @@ ends of a cell, or, for a smoothed axis, a window of weights computed at run tim
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.axis import SEARCH, SMOOTH
+from kennfeld.native.ir import LANES, Function, literal
 
-__all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "search_function"]
+__all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
 
 ONE, ZERO = literal(1.0), literal(0.0)
 
@@ -54,36 +55,13 @@ class Corner:
     weight: str
 
 
-def search_function() -> str:
-    """`kf_search(breakpoints, count, x, result)`: the cell that holds x, by bisection; 0 for NaN."""
-    f = Function("kf_search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")], "noinline")
-    low, high = f.slot("i64"), f.slot("i64")
-    f.store("0", low, kind="i64")
-    f.store(f.add("%count", -1), high, kind="i64")
-
-    def open_() -> str:
-        width = f.new(f"sub i64 {f.load(high, kind='i64')}, {f.load(low, kind='i64')}")
-        return f.new(f"icmp ugt i64 {width}, 1")
-
-    with f.as_long_as(open_):
-        a, b = f.load(low, kind="i64"), f.load(high, kind="i64")
-        middle = f.new(f"lshr i64 {f.add(a, b)}, 1")
-        right = f.new(f"fcmp oge double %x, {f.load('%points', middle)}")
-        f.store(f.new(f"select i1 {right}, i64 {middle}, i64 {a}"), low, kind="i64")
-        f.store(f.new(f"select i1 {right}, i64 {b}, i64 {middle}"), high, kind="i64")
-    f.store(f.load(low, kind="i64"), "%result", kind="i64")
-    return f.text()
-
-
 def find_cell(f: Function, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
     """Cell, x minus its left end, and its width. `hint` remembers the cell, as the next sample is mostly near."""
     guess = f.load(hint, kind="i64")
-    inside = f.new(
-        f"and i1 {f.new(f'fcmp oge double {x}, {f.load(points, guess)}')}, "
-        f"{f.new(f'fcmp olt double {x}, {f.load(points, f.add(guess, 1))}')}"
-    )
-    with f.when(f.new(f"xor i1 {inside}, true")):
-        f.do(f"call void @kf_search(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+    after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
+    before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
+    with f.unless(after, before):
+        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
     cell = f.load(hint, kind="i64")
     left = f.load(points, cell)
     right = f.load(points, f.add(cell, 1))
@@ -121,3 +99,14 @@ def _walk(
     else:
         with f.loop(side.start, side.end) as point:
             yield from step(point, f.load(side.slope if along else side.weight, point))
+
+
+def smooth_window(f: Function, x: str, points: str, count: int, width: str, linear: bool) -> Window:
+    """The window of weights of a smoothed axis around x."""
+    weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
+    bounds = f.slot("i64", 2)
+    f.do(
+        f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "
+        f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
+    )
+    return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)

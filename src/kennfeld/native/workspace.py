@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
 from kennfeld.native.sweeps import VECTOR
@@ -106,6 +106,16 @@ class Workspace:
         with np.errstate(invalid="ignore"):
             residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
         return residual.ravel(), self._jacobian[: chunk.length * m]
+
+    def touched(self, chunk: Chunk, *, scored: bool) -> Int:
+        """For each column, the samples of the tape with a slope in it; with `scored`, the slope of a scored output."""
+        length, columns = chunk.length, self.kernel.values.free
+        slope = self.slope[:length] != 0
+        used = (slope & (self.weight[:length, None] > 0) if scored else slope).any(axis=2)
+        used &= np.arange(self.index.shape[1]) < self.count[:length, None]
+        met = np.sort(np.where(used, self.index[:length], columns), axis=1)
+        met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
+        return np.bincount(met.ravel(), minlength=columns + 1)[:columns]
 
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
         """S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L of there."""

@@ -1,25 +1,40 @@
 """Calibration: the problem, the solver, and the result."""
 
 from kennfeld.optimize.api import calibrate, simulate
-from kennfeld.optimize.calibration import Options, Progress, run
-from kennfeld.optimize.criterion import Criterion, Limit, Pin, Target
+from kennfeld.optimize.calibration import Options, Progress
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape, Term
+from kennfeld.optimize.criterion import Criterion, Region, Target
 from kennfeld.optimize.gauss_newton import Stop
+from kennfeld.optimize.multistart import run
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Quality, Result, Seconds, TraceLine
+from kennfeld.optimize.result import Quality, Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.saved import Keep, Saved
+from kennfeld.optimize.step import Step
+from kennfeld.optimize.trust import Direction, Trust
 
 __all__ = [
     "Criterion",
+    "Direction",
+    "Equality",
+    "Keep",
     "Limit",
     "Options",
     "Pin",
     "Problem",
     "Progress",
     "Quality",
+    "Region",
     "Result",
+    "Saved",
     "Seconds",
+    "Shape",
+    "StartResult",
+    "Step",
     "Stop",
     "Target",
+    "Term",
     "TraceLine",
+    "Trust",
     "calibrate",
     "run",
     "simulate",

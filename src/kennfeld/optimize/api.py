@@ -9,56 +9,28 @@ from kennfeld.arrays import ArrayLike
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
+from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.optimize.binding import bind
-from kennfeld.optimize.calibration import Options, Progress, run
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.calibration import Options, Progress
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.multistart import run
+from kennfeld.optimize.output_limits import check_limits
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.optimize.shifting import shifted
+from kennfeld.optimize.weighting import weight_findings
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
 __all__ = ["calibrate", "problem_of", "resolved", "simulate"]
 
 Data = Dataset | Mapping[str, ArrayLike]
 Start = ParameterSet | Mapping[str, float | Parameter]
-
-
-def problem_of(
-    model: Model | str,
-    data: Data | Sequence[Data],
-    start: Start,
-    target: str | float | None = None,
-    *,
-    node: str | None = None,
-    criteria: Sequence[Criterion] = (),
-    test: Data | Sequence[Data] = (),
-    free: Sequence[str] = ("*",),
-    smoothness: Factor | Smoothness = 0.0,
-    limits: Mapping[str, tuple[float, float]] | None = None,
-    pins: Sequence[Pin] = (),
-    channels: Mapping[str, str] | None = None,
-    shift: Mapping[str, float | Literal["auto"]] | None = None,
-) -> Problem:
-    """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
-    parameters = _bounded(_parameters(start), limits or {})
-    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
-    training, scored = _datasets(data, "training"), _datasets(test, "test")
-    if target is not None:
-        criteria = (Criterion(_output(ready, node), target), *criteria)
-    if isinstance(free, str):
-        raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
-    tables = _factors(smoothness, parameters)
-    datasets, unknown = _moved((*training, *scored), shift or {})
-    problem = Problem(
-        ready, datasets, parameters, tuple(criteria), tuple(free), tables, tuple(pins), channels or {}, unknown
-    )
-    _check(problem)
-    return problem
 
 
 def calibrate(
@@ -71,9 +43,11 @@ def calibrate(
     criteria: Sequence[Criterion] = (),
     test: Data | Sequence[Data] = (),
     free: Sequence[str] = ("*",),
+    free_axes: Sequence[str] = (),
     smoothness: Factor | Smoothness = 0.0,
-    limits: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, tuple[float, float]] | Sequence[Limit] | None = None,
     pins: Sequence[Pin] = (),
+    constraints: Sequence[Shape | Equality] = (),
     channels: Mapping[str, str] | None = None,
     shift: Mapping[str, float | Literal["auto"]] | None = None,
     options: Options | None = None,
@@ -90,14 +64,18 @@ def calibrate(
         criteria: several targets, with weights and losses.
         test: data that are scored, never fitted.
         free: glob patterns of the parameters to fit; the others are kept.
+        free_axes: glob patterns of the axes whose breakpoints to fit: group axes by name, others as `Table.x`. Axes
+            made with `Axis(..., free=True)` are fitted in any case.
         smoothness: factor for all tables, or by parameter, or by parameter and axis; "auto" in place of a factor has
             it chosen from the data.
-        limits: lower and upper bound of all values of a parameter, in its unit, by name.
+        limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
+            training sample, which may be an expression over nodes and channels; or a list of `Limit`.
         pins: values that hold exactly at a coordinate.
+        constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, where the names differ.
         shift: moves channels of all data, value(t) = recorded(t - shift), in s, for steady-state points in samples;
             "auto" finds the shift that fits best, for each training dataset.
-        options: iterations, tolerance, continuation.
+        options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
     Returns:
@@ -117,13 +95,63 @@ def calibrate(
         criteria=criteria,
         test=test,
         free=free,
+        free_axes=free_axes,
         smoothness=smoothness,
         limits=limits,
         pins=pins,
+        constraints=constraints,
         channels=channels,
         shift=shift,
     )
     return run(problem, options or Options(), progress)
+
+
+def problem_of(
+    model: Model | str,
+    data: Data | Sequence[Data],
+    start: Start,
+    target: str | float | None = None,
+    *,
+    node: str | None = None,
+    criteria: Sequence[Criterion] = (),
+    test: Data | Sequence[Data] = (),
+    free: Sequence[str] = ("*",),
+    free_axes: Sequence[str] = (),
+    smoothness: Factor | Smoothness = 0.0,
+    limits: Mapping[str, tuple[float, float]] | Sequence[Limit] | None = None,
+    pins: Sequence[Pin] = (),
+    constraints: Sequence[Shape | Equality] = (),
+    channels: Mapping[str, str] | None = None,
+    shift: Mapping[str, float | Literal["auto"]] | None = None,
+) -> Problem:
+    """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
+    if isinstance(free_axes, str):
+        raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
+    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start), free_axes))
+    parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
+    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
+    training, scored = _datasets(data, "training"), _datasets(test, "test")
+    if target is not None:
+        criteria = (Criterion(_output(ready, node), target), *criteria)
+    if isinstance(free, str):
+        raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
+    tables = _factors(smoothness, parameters)
+    datasets, unknown = _moved((*training, *scored), shift or {})
+    problem = Problem(
+        ready,
+        datasets,
+        parameters,
+        tuple(criteria),
+        tuple(free),
+        tables,
+        tuple(pins),
+        channels or {},
+        tuple(constraints),
+        outputs,
+        unknown,
+    )
+    _check(problem)
+    return problem
 
 
 def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
@@ -138,7 +166,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     findings = missing(ready.graph, [dataset], values, channels or {})
     if findings:
         raise InputError(findings)
-    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}), values)
+    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
 
 
 def resolved(model: Model, parameters: ParameterSet) -> Model:
@@ -163,11 +191,14 @@ def _parameters(given: Start) -> ParameterSet:
     return ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
 
 
-def _bounded(parameters: ParameterSet, limits: Mapping[str, tuple[float, float]]) -> ParameterSet:
-    unknown = [name for name in limits if name not in parameters]
-    if unknown:
-        raise ArgumentError(f"limits: {unknown[0]} is no parameter. {nearest(unknown[0], parameters)}".strip())
-    return parameters.with_parameters(*(parameters[name].with_bounds(*pair) for name, pair in limits.items()))
+def _told_apart(
+    limits: Mapping[str, tuple[float, float]] | Sequence[Limit], parameters: ParameterSet
+) -> tuple[dict[str, tuple[float, float]], tuple[Limit, ...]]:
+    """Bounds of parameters by name, and limits of outputs."""
+    if not isinstance(limits, Mapping):
+        return {}, tuple(limits)
+    bounds = {name: pair for name, pair in limits.items() if name in parameters}
+    return bounds, tuple(Limit(name, *pair) for name, pair in limits.items() if name not in parameters)
 
 
 def _factors(given: Factor | Smoothness, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
@@ -248,6 +279,11 @@ def _check(problem: Problem) -> None:
     for pin in problem.pins:
         if not np.all(np.isfinite((*pin.at, pin.value))):
             findings.append(Finding(f"pin of {pin.parameter}", f"{pin.value} at {list(pin.at)} is not finite"))
+    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
+    weights = weight_findings(
+        problem.criteria, training, lambda i: f"criterion on {problem.criteria[i].node}", lambda d: f"dataset {d.name}"
+    )
+    findings += [finding for finding in weights if finding.severity == "error"]
     names = problem.model.graph.names
     channels = {channel for data in problem.datasets for channel in data}
     for criterion in problem.criteria:
@@ -255,6 +291,7 @@ def _check(problem: Problem) -> None:
             if node is not None and node not in names:
                 mend = nearest(node, [*names, *channels])
                 findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
+    findings += [] if findings else check_limits(problem)
     if findings:
         raise InputError(findings)
 

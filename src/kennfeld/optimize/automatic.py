@@ -15,10 +15,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.moving_roughness import roughness_of
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.prediction import Linearised, Prediction, minimised
 from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.roughness import Roughness
 
 __all__ = ["Choice", "chosen"]
@@ -31,6 +32,7 @@ SETTLED = 0.1  # gain of n times the criterion's logarithm below which another r
 NEAR = 0.1  # radius of the logarithms within which trials end
 POOR, GOOD = 0.25, 0.75  # share of the promised gain from which the radius is halved, or doubled
 NONE = -np.inf  # the logarithm where no data reach the table: its factor is 0
+ACTIVE = 1e-9  # of the size of a linear row, at which it counts as active
 ROUGH = Settings(max_iterations=40, tolerance=1e-5, patience=2)
 
 Report = Callable[[str, Iteration, Float], None]
@@ -216,7 +218,9 @@ class _Choosing:
         limits = self.limits
         held = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
         misfit = self.compiled.accumulator.cost(self._full(values))
-        fit = Linearised(values, misfit, gradient, matrix, limits.movable & ~held, limits.matrix, self.samples)
+        fit = Linearised(
+            values, misfit, gradient, matrix, limits.movable & ~held, _pressing(limits, values), self.samples
+        )
         blocks = [block.unit for block, good in zip(self.sought, live, strict=True) if good]
         return Prediction(fit, blocks, self.given)
 
@@ -242,7 +246,7 @@ class _Choosing:
 
     def _use(self, logarithms: Float) -> None:
         factors = {name: self.problem.factors(name) for name in self.problem.free_names} | self._factors(logarithms)
-        self.compiled.roughness = Roughness.of(self.problem.parameters, self.compiled.values, factors)
+        self.compiled.roughness = roughness_of(self.problem.parameters, self.compiled.values, factors)
 
 
 def _stopped(found: _Round) -> bool:
@@ -261,8 +265,16 @@ def _blocks(compiled: Compiled) -> Iterator[_Block]:
                 yield _Block(name, axis, roughness, None if automatic else factor)
 
 
+def _pressing(limits: Limits, values: Float) -> Float:
+    """The linear rows that hold the values where they are, in full."""
+    rows = limits.rows
+    if not rows.count:
+        return np.zeros((0, values.size))
+    here, size = rows.times(values), ACTIVE * rows.size(values)
+    return rows.matrix(np.flatnonzero((here <= rows.lower + size) | (here >= rows.upper - size)), values.size)
+
+
 def scored(compiled: Compiled) -> float:
     """How many samples count, over all criteria."""
     samples = compiled.samples
-    counts = [np.isfinite(samples.targets[:, p.first : p.last]).sum(axis=1) @ (p.scores > 0) for p in samples.pieces]
-    return float(sum(counts))
+    return float(sum(samples.scored(piece) @ (piece.scores > 0) for piece in samples.pieces))

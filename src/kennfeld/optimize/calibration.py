@@ -2,40 +2,73 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, InputError
-from kennfeld.optimize.automatic import Choice, chosen
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
-from kennfeld.optimize.correlation import independent_samples
+from kennfeld.optimize.feasible_first import FeasibleFirst
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.lag import at_the_end, with_shifts_found
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.global_search import GlobalSettings, global_search, polished, unbounded
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.output_limits import OutputLimits
+from kennfeld.optimize.placing import Placing, coarse
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quadratic import Limits
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.step import Step
 from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Options", "Progress", "run"]
+__all__ = ["Options", "Progress", "Run", "run"]
 
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`."""
+    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
+
+    `method` `global` searches without gradients, for few values and a cost that jumps; all values need bounds.
+    `max_evaluations` is its budget, 500 (values + 4) where it is 0, and `seed` that of its random numbers.
+    The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
+    and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
+    through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
+    """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    method: Literal["gauss-newton", "global"] = "gauss-newton"
+    max_evaluations: int = 0
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    workers: int | None = None
+    steps: tuple[Step, ...] = ()
+    save_every: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method not in ("gauss-newton", "global"):
+            raise ArgumentError(f"method={self.method!r} must be gauss-newton or global")
+        whole = (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0), ("max_evaluations", 0))
+        for name, least in whole:
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int | np.integer) and value >= least):
+                raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
+        if not 0 < self.spread < float("inf"):
+            raise ArgumentError(f"spread={self.spread!r} must be a number above 0")
+        object.__setattr__(self, "steps", tuple(self.steps))
 
     @property
     def settings(self) -> Settings:
@@ -51,131 +84,147 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
-    if problem.unknown_shifts:
-        return _shifted_run(problem, options, progress, seconds)
-    running = _Run(problem, options, progress, seconds or Seconds())
+    running = Run(problem, options, progress, seconds or Seconds())
     with blas_threads(running.exact.values.free):
         return running.result()
 
 
-def _shifted_run(problem: Problem, options: Options, progress: Progress | None, seconds: Seconds | None) -> Result:
-    """Find the shifts first; the calibration then uses them."""
-    _require(problem)
-    began = time.perf_counter()
-    with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
-        ready, shifts = with_shifts_found(problem)
-    searched = time.perf_counter() - began
-    result = run(ready, options, progress, seconds)
-    spent = result.seconds
-    return replace(
-        result,
-        message=" ".join(part for part in (result.message, at_the_end(problem, shifts)) if part),
-        shifts=shifts,
-        seconds=replace(spent, total=spent.total + searched, optimize=spent.optimize + searched),
-    )
+Search = Callable[[Float, Limits], Descent]
 
 
-class _Run:
+class Run:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
-        _require(problem)
+        _require(problem, options)
         self.problem, self.options, self.progress = problem, options, progress
+        self.watch: Callable[[TraceLine, Float], None] | None = None  # hears of the values as well
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
-        smoothed = options.continuation != "off"
+        smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
-        self.scorer = Scorer(problem)
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
         self.weights = self.exact.weights
 
-    def result(self) -> Result:
+    @cached_property
+    def scorer(self) -> Scorer:
+        """What scores its start and its end."""
+        return Scorer(self.problem)
+
+    @cached_property
+    def outputs(self) -> OutputLimits | None:
+        """The limits of outputs, where there are any."""
+        return OutputLimits(self.problem) if self.problem.limits else None
+
+    def moved(self, problem: Problem) -> "Run":
+        """The same run from other values of its free parameters; nothing is compiled again."""
+        other = copy(self)
+        for made_for_one_start in ("scorer", "outputs"):
+            other.__dict__.pop(made_for_one_start, None)
+        other.problem, other.exact = problem, self.exact.moved(problem)
+        other.objective = SumOfSquares(other.exact)
+        other.continuation = self.continuation and self.continuation.moved(other.exact)
+        other.trace = []
+        return other
+
+    def end(self, search: Search | None = None) -> tuple[Descent, str]:
+        """Where the search from the projected start ends, and a remark on that start."""
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact)
+        limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
-        choice = self._choose(start, limits)
-        before = self.objective.cost(given)
-        infeasible = Descent(given, before, "infeasible", remark, 0, 1)
-        end = infeasible if start is None else self._descend(start, limits, choice)
-        if choice is not None and self.continuation is not None and end.status != "stopped":
-            choice, end = self._again(choice, end, limits)
-        parameters = self._unpacked(end.values)
-        trust = self._informed(end)
+        if start is None:
+            return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
+        if search is not None:
+            return search(start, limits), remark
+        return self._limited(self._descend(start, limits), start, limits), remark
+
+    def result(self, search: Search | None = None) -> Result:
+        """The result of the run, or of another search of the same problem."""
+        scorer = self.scorer
+        _ = search or self.outputs
+        self.compile = time.perf_counter() - self.began
+        before = self.objective.cost(self.objective.start)
+        limits = limits_of(self.problem, self.exact.values)
+        end, remark = self.end(search)
+        parameters = self.parameters(end.values)
+        informed = self._informed(end)
+        axes = self.problem.free_axes
+        values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         return Result(
             status=end.status,
-            message=" ".join(
-                part for part in (end.message, remark if start is not None else "", _unseen(trust)) if part
-            ),
+            message=" ".join(part for part in (end.message, remark, _unseen(informed), told(axes, parameters)) if part),
             parameters=parameters,
             start=self.problem.parameters,
-            quality=self.scorer.quality(self.problem.parameters, parameters),
+            quality=scorer.quality(self.problem.parameters, parameters),
             trace=tuple(self.trace),
             iterations=end.iterations,
             evaluations=end.evaluations,
             cost_before=before,
             cost_after=end.cost,
             free_values=int(limits.movable.sum()),
-            fixed_values=sum(p.size for p in self.problem.parameters.parameters) - int(limits.movable.sum()),
+            fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
-            trust=trust,
-            smoothness={} if choice is None else choice.by_direction,
+            inspection=self._inspection(end, informed),
         )
 
-    def _choose(self, start: Float | None, limits: Limits) -> Choice | None:
-        """The automatic smoothness factors, which all descents then use; None where there are none to choose."""
-        if start is None or not self.problem.automatic_names:
-            return None
-        settings = self.options.settings
-        choice = chosen(self.exact, start, limits, settings, self._report, None, self._counting)
-        if self.continuation is not None:
-            self.continuation.use(self.exact.roughness)
-        return choice
-
-    @property
-    def _counting(self) -> Callable[[Float], float] | None:
-        """What counts the independent training samples by the errors with some free values; None where all are."""
-        if all(bound.dataset.time is None for bound in self.problem.training):
-            return None
-        return lambda values: independent_samples(self.problem, self.scorer.errors, self._unpacked(values))
-
-    def _unpacked(self, values: Float) -> ParameterSet:
-        full = self.exact.start.copy()
-        full[: values.size] = values
-        return self.exact.values.unpack(full, self.problem.parameters)
-
-    def _again(self, choice: Choice, end: Descent, limits: Limits) -> tuple[Choice, Descent]:
-        """The factors chosen once more at the end of a search that smoothed lookups, and the descent with them."""
-        settings = self.options.settings
-        better = chosen(self.exact, end.values, limits, settings, self._report, choice)
-        last = gauss_newton(self.objective, better.fit.values, limits, settings, partial(self._report, "plain"))
-        effort = {n: getattr(end, n) + getattr(better.fit, n) + getattr(last, n) for n in ("iterations", "evaluations")}
-        return better, replace(last, **effort)
-
-    def _descend(self, start: Float, limits: Limits, choice: Choice | None = None) -> Descent:
+    def _descend(self, start: Float, limits: Limits) -> Descent:
         """The end of the lowest cost: of the plain descent and, where there are creases, of continuations.
 
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
-        long one is worth its time. Where smoothness was chosen, the plain descent goes on from the fit of that choice.
+        long one is worth its time.
         """
-        settings = self.options.settings
-        if choice is not None and choice.fit.status == "stopped":
-            return choice.fit
+        if self.options.method == "global":
+            return self._searched(start, limits)
+        settings = coarse(self.options.settings) if self.problem.free_axes else self.options.settings
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
         if not ends or ends[-1].status != "stopped":
-            plain = start if choice is None else choice.fit.values
-            ends.append(gauss_newton(self.objective, plain, limits, settings, partial(self._report, "plain")))
+            ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+        if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
+            placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
+            ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
 
-    def _report(self, stage: str, line: Iteration, values: Float) -> None:
-        cost = line.cost - self.exact.roughness.cost(values)
+    def _searched(self, start: Float, limits: Limits) -> Descent:
+        """The end of a search without gradients, and of a descent from there."""
+        search = GlobalSettings(self.options.max_evaluations, self.options.seed)
+        if self.outputs is not None:
+            first = FeasibleFirst(self.objective, self.outputs, self.parameters)
+            found = first.search(start, limits, search, partial(self._report, "global"))
+            return first.polished(found, limits, self.options.settings, self._report)
+        found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
+        return polished(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
+
+    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end moved to where the limits of outputs hold; from there, else from the start."""
+        outputs = self.outputs
+        if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self.parameters(end.values)):
+            return end
+        ends = [end]
+        for at in (end.values, start):
+            ends.append(
+                outputs.descend(self.objective, at, limits, self.options.settings, self.parameters, self._report)
+            )
+            if ends[-1].status != "infeasible":
+                break
+        best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
+        return _with_effort(best, ends)
+
+    def parameters(self, values: Float) -> ParameterSet:
+        """The set with these free values."""
+        full = self.exact.start.copy()
+        full[: values.size] = values
+        return self.exact.values.unpack(full, self.problem.parameters)
+
+    def _report(self, stage: str, line: Iteration, values: Float, compiled: Compiled | None = None) -> None:
+        cost = line.cost - (compiled or self.exact).roughness.cost(values)
         entry = TraceLine(
             iteration=line.iteration,
             start=1,
@@ -188,8 +237,16 @@ class _Run:
             seconds=time.perf_counter() - self.began,
         )
         self.trace.append(entry)
+        if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
+            self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)
+
+    def _inspection(self, end: Descent, informed: Mapping[str, Bool]) -> Inspection | None:
+        """What tells the trust in the values, where there is anything to trust."""
+        if end.status == "infeasible" or not informed:
+            return None
+        return Inspection(self.problem, end.values, informed, self.exact, self.scorer)
 
     def _informed(self, end: Descent) -> Mapping[str, Bool]:
         """For each free parameter, the values that the cost depends on, at the end or on the way there."""
@@ -226,11 +283,16 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     elif best.status == "failed":
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
+    return _with_effort(best, ends)
+
+
+def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+    """An end with the iterations and evaluations of all."""
     effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
     return replace(best, **effort)
 
 
-def _require(problem: Problem) -> None:
+def _require(problem: Problem, options: Options) -> None:
     """Findings that leave nothing to fit."""
     findings = []
     if not problem.criteria:
@@ -239,6 +301,7 @@ def _require(problem: Problem) -> None:
         findings.append(
             Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
         )
+    findings += left_behind(problem.free_axes, problem.free_names)
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
     else:
@@ -247,13 +310,15 @@ def _require(problem: Problem) -> None:
             for c in problem.criteria
             if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
         ]
+    if options.method == "global":
+        findings += unbounded(problem)
     if findings:
         raise InputError(findings)
 
 
-def _unseen(trust: Mapping[str, Bool]) -> str:
+def _unseen(informed: Mapping[str, Bool]) -> str:
     """A sentence on values that nothing informs."""
-    counts = {name: int((~seen).sum()) for name, seen in trust.items() if not seen.all()}
+    counts = {name: int((~seen).sum()) for name, seen in informed.items() if not seen.all()}
     if not counts:
         return ""
     listed = ", ".join(f"{count} of {name}" for name, count in counts.items())

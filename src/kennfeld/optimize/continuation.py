@@ -7,6 +7,7 @@ Gaussian continuation, 2015).
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,10 +15,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, smoothable
-from kennfeld.optimize.quadratic import Limits
-from kennfeld.optimize.roughness import Roughness
 
 __all__ = ["LONG", "SHORT", "Continuation", "Ladder"]
 
@@ -49,9 +49,13 @@ class Continuation:
         """None where no lookup can be smoothed. `exact` is the compiled problem."""
         return cls(problem, exact) if smoothable(problem) else None
 
-    def use(self, roughness: Roughness) -> None:
-        """Take another penalty, of the same values."""
-        self._smooth.roughness = roughness
+    def moved(self, exact: Compiled) -> "Continuation":
+        """The same for other values of the free parameters, those of the moved exact problem."""
+        other = copy(self)
+        other._exact = SumOfSquares(exact)
+        other._smooth = self._smooth.moved(exact.problem)
+        other._objective = SumOfSquares(other._smooth)
+        return other
 
     def descend(self, ladder: Ladder, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
         """The end of the last stage, that of the exact model; where one was cut short, the better of start and end."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Dataset
+from kennfeld.optimize.binding import Bound
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import ParameterSet
 
@@ -39,26 +39,23 @@ def correlation_time(pieces: Sequence[Float]) -> float:
 
 
 def independent_samples(
-    problem: Problem, errors: Callable[[ParameterSet], Sequence[Float]], parameters: ParameterSet
+    problem: Problem, errors: Callable[[Bound, ParameterSet], Float], parameters: ParameterSet
 ) -> float:
     """Scored training samples of all criteria; those of data with time over their correlation time.
 
-    `errors` gives those of each dataset, of shape (criteria, kept samples).
+    `errors` gives those of a bound dataset, of shape (criteria, kept samples).
     """
-    total = 0.0
-    for dataset, found in zip(problem.datasets, errors(parameters), strict=True):
-        if dataset.use == "training" and dataset.weight > 0:
-            total += sum(
-                _independent(problem, dataset, row)
-                for row, criterion in zip(found, problem.criteria, strict=True)
-                if criterion.weight > 0
-            )
-    return total
+    return sum(
+        _independent(bound, row)
+        for bound in problem.training
+        for row, criterion in zip(errors(bound, parameters), problem.criteria, strict=True)
+        if criterion.weight > 0
+    )
 
 
-def _independent(problem: Problem, dataset: Dataset, errors: Float) -> float:
+def _independent(bound: Bound, errors: Float) -> float:
     count = float(np.isfinite(errors).sum())
-    if dataset.time is None:
+    if bound.dataset.time is None or bound.hold is not None:
         return count
-    edges = [*problem.bind(dataset).starts.tolist(), errors.size]
+    edges = [*bound.starts.tolist(), errors.size]
     return count / correlation_time([errors[a:b] for a, b in pairwise(edges)])

@@ -1,4 +1,4 @@
-"""Training data brought into the arrays that a kernel reads, in the order in which it reads them best."""
+"""Training data as a kernel reads them: each column where it is, the rest computed, and the order of visits."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,22 +6,24 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Float
 from kennfeld.graph import Graph
 from kennfeld.graph.lowering import Lowered
 from kennfeld.graph.split import Split
 from kennfeld.native import Kernel, Piece, Samples, Simulator
+from kennfeld.native.rows import Order
 from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.ordering import Cells, scored_in_order
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Source", "gather"]
 
-BLOCK = 65536  # samples computed at once
+Columns = Mapping[str, Float]
 
 
 @dataclass(frozen=True)
 class Source:
-    """A bound dataset, its targets (made when they are needed: they may be large), and the weight of each."""
+    """A bound dataset, what gives its targets, and the weight of each."""
 
     bound: Bound
     targets: Sequence[Callable[[], Float]]
@@ -33,90 +35,65 @@ def gather(
 ) -> Samples:
     """The samples of all sources, data-only parts computed.
 
-    Without memory, samples without a target are left out and the others sorted by cell, so that neighbours touch the
+    Without memory, samples without a target are left out and the others visited by cell, so that neighbours touch the
     same values.
     """
-    total = sum(source.bound.count for source in sources)
-    data = np.empty((len(kernel.layout.inputs), total))
-    targets = np.empty((len(kernel.outputs), total))
-    pieces: list[Piece] = []
-    end = 0
-    for source in sources:
-        here = slice(end, end + source.bound.count)
-        rows, wanted = data[:, here], targets[:, here]
-        _fill(rows, source.bound, lowered, split, kernel, parameters)
-        for row, target in zip(wanted, source.targets, strict=True):
-            row[:] = target()
-        if kernel.line.states:
-            edges = [*source.bound.starts.tolist(), source.bound.count]
-            pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]
-            end += source.bound.count
-        else:
-            count = _sort(rows, wanted, _cell_keys(rows, lowered, split, kernel))
-            pieces += [Piece(end, end + count, source.scores)] if count else []
-            end += count
-    return Samples(data[:, :end], targets[:, :end], tuple(pieces))
+    prepare = _preparation(lowered, split, kernel, parameters)
+    columns = [source.bound.columns | prepare(source.bound) for source in sources]
+    targets = [[target() for target in source.targets] for source in sources]
+    if kernel.line.states:
+        pieces, order = _in_time(sources), None
+    else:
+        pieces, order = _by_cell(sources, columns, targets, Cells(Lowered(split.graph, lowered.axes, lowered.shapes)))
+    rows = [[held[name] for held in columns] for name in kernel.layout.inputs]
+    return Samples(rows, zip(*targets, strict=True), pieces, order)
 
 
-def _fill(rows: Float, bound: Bound, lowered: Lowered, split: Split, kernel: Kernel, parameters: ParameterSet) -> None:
-    inputs = kernel.layout.inputs
-    for name, row in inputs.items():
-        if name not in split.columns:
-            rows[row] = bound.columns[name]
-    computed = {name: row for name, row in inputs.items() if name in split.columns}
-    if computed:
-        _precompute(rows, computed, bound, lowered, split, parameters)
-
-
-def _precompute(
-    rows: Float, computed: Mapping[str, int], bound: Bound, lowered: Lowered, split: Split, parameters: ParameterSet
-) -> None:
-    """Fill the rows that hold what depends on the data alone; block by block where there is no memory."""
+def _preparation(
+    lowered: Lowered, split: Split, kernel: Kernel, parameters: ParameterSet
+) -> Callable[[Bound], dict[str, Float]]:
+    """What computes the columns that depend on the data alone."""
     graph = split.prepared
+    names = [name for name in kernel.layout.inputs if name in split.columns]
+    if not names:
+        return lambda _: {}
     prepared = Lowered(graph, lowered.axes, {name: lowered.shapes[name] for name in _tables(graph)})
-    simulator = Simulator(prepared, [graph.names[name] for name in computed], parameters)
-    names = simulator.inputs
-    whole = bool(graph.states)
-    length = max(bound.count, 1) if whole else BLOCK
-    for first in range(0, bound.count, length):
-        last = min(first + length, bound.count)
-        block = np.array([bound.columns[name][first:last] for name in names]).reshape(len(names), last - first)
-        found = simulator.run(parameters, block, bound.starts.tolist() if whole else [0])
-        for row, values in zip(computed.values(), found, strict=True):
-            rows[row, first:last] = values
+    simulator = Simulator(prepared, [graph.names[name] for name in names], parameters)
+
+    def prepare(bound: Bound) -> dict[str, Float]:
+        starts = bound.starts.tolist() if graph.states else [0]
+        return dict(zip(names, simulator.over(bound.columns, bound.count, parameters, starts), strict=True))
+
+    return prepare
 
 
 def _tables(graph: Graph) -> set[str]:
     return {node.payload.name for node in graph.nodes if node.op == "interpolate"}
 
 
-def _cell_keys(rows: Float, lowered: Lowered, split: Split, kernel: Kernel) -> Int | None:
-    """A number for each sample that is the same within a cell of the positions that the data determine."""
-    keys, cells = None, 1
-    for name, at in split.columns.items():
-        op, _, payload = lowered.graph.nodes[at]
-        if op != "position" or name not in kernel.layout.inputs:
-            continue
-        count = lowered.axes[payload.number].size + 2
-        if cells * count > 2**31:
-            break
-        cell = np.clip(np.nan_to_num(rows[kernel.layout.inputs[name]]), -1, count - 2).astype(np.int32) + 1
-        keys = cell if keys is None else keys * np.int32(count) + cell
-        cells *= count
-    if keys is not None and cells <= 2**16:
-        keys = keys.astype(np.uint16)  # sorted by radix
-    return keys
+def _in_time(sources: Sequence[Source]) -> list[Piece]:
+    """The pieces of all sources, one after the other."""
+    pieces, end = [], 0
+    for source in sources:
+        edges = [*source.bound.starts.tolist(), source.bound.count]
+        pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]
+        end += source.bound.count
+    return pieces
 
 
-def _sort(rows: Float, targets: Float, keys: Int | None) -> int:
-    """Move the samples that have a target to the front, sorted by their key; returns how many."""
-    scored = np.asarray(np.isfinite(targets).any(axis=0))
-    count = int(scored.sum())
-    if keys is None and count == scored.size:
-        return count
-    order = np.flatnonzero(scored) if keys is None else np.argsort(keys, kind="stable")
-    if keys is not None and count < scored.size:
-        order = order[scored[order]]
-    for row in (*rows, *targets):
-        row[:count] = row[order]
-    return count
+def _by_cell(
+    sources: Sequence[Source], columns: Sequence[Columns], targets: Sequence[Sequence[Float]], cells: Cells
+) -> tuple[list[Piece], Order | None]:
+    """A piece a source, and the order of visits; None where that is how the samples come."""
+    total = sum(source.bound.count for source in sources)
+    order = np.empty(total, dtype=np.uint32)
+    pieces, before, end = [], 0, 0
+    for source, held, wanted in zip(sources, columns, targets, strict=True):
+        first = end
+        for block in scored_in_order(held, wanted, cells):
+            order[end : end + block.size] = before + block
+            end += block.size
+        pieces += [Piece(first, end, source.scores)] if end > first else []
+        before += source.bound.count
+    straight = end == total and bool(np.all(order[1:] > order[:-1]))
+    return pieces, None if straight else order[:end]

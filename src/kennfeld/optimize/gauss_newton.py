@@ -14,7 +14,8 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native import Cholesky, Factor
-from kennfeld.optimize.quadratic import Limits, Solution, solve
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.quadratic import Solution, solve
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
 
@@ -53,13 +54,15 @@ class Settings:
     """When to stop, and where the damping starts.
 
     A descent has converged when `patience` steps in a row lower the cost by less than `tolerance`, relatively, or when
-    the predicted gain is below the square of `tolerance`.
+    the predicted gain is below the square of `tolerance`. Small gains under heavy damping do not count where the actual
+    gain is at least `trusted` times the predicted one: then it is the damping that keeps them small.
     """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     patience: int = 3
     damping: float = 1e-3
+    trusted: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,6 @@ class Descent:
 
 
 INSENSITIVE = 1e-16  # share of the cost that a value moves by its own size, below which its slope may be rounding noise
-TRUSTED = 0.9  # ratio of actual to predicted gain at which small gains mean heavy damping, not the end
 MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
 MOST_DAMPING = 1e40  # steps have vanished long before
 PROBE = 0.1  # share of a step at which its curvature is measured
@@ -280,7 +282,7 @@ class _Descending:
 
     def _accept(self, line: _Linearised, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
-        held_back = self.damping > 1.0 and ratio > TRUSTED
+        held_back = self.damping > 1.0 and ratio > self.settings.trusted
         self.calm = self.calm + 1 if relative < self.settings.tolerance and not held_back else 0
         size = line.length(trial[line.movable] - self.at[line.movable]) / max(np.sqrt(cost), 1e-300)
         self.at, self.cost, self.active = trial, cost, solution.active

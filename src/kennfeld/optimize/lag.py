@@ -14,7 +14,8 @@ import numpy as np
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, difference
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.scoring import Nodes
@@ -33,6 +34,8 @@ Shifts = Mapping[str, Mapping[str, float]]  # by dataset and channel; s, for ste
 
 def moved(problem: Problem, shifts: Shifts) -> Problem:
     """The problem with channels of its datasets shifted."""
+    if not shifts:
+        return problem
     datasets = tuple(shifted(data, shifts.get(data.name, {})) for data in problem.datasets)
     return replace(problem, datasets=datasets, unknown_shifts={})
 
@@ -169,7 +172,7 @@ class _Search:
     def _fit(self, data: tuple[Dataset, ...], start: ParameterSet) -> tuple[float, ParameterSet]:
         problem = replace(self.problem, datasets=data, parameters=start)
         compiled = Compiled(problem)
-        limits = limits_of(problem, compiled)
+        limits = limits_of(problem, compiled.values)
         objective = SumOfSquares(compiled)
         begin, _ = project(objective.start, limits)
         if begin is None or not compiled.samples.count:

@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.errors import InputError
-from kennfeld.graph.interpolation import cell_weights, position, table_weights
+from kennfeld.arrays import Float
 from kennfeld.native import Cholesky
-from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.quadratic import Limits, pins
+from kennfeld.optimize.breakpoints import order_of, rising
+from kennfeld.optimize.problem import Compiled
 
-__all__ = ["SumOfSquares", "limits_of"]
+__all__ = ["SumOfSquares"]
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000
 FLOOR = 1e-6  # of the mean curvature in the same table
@@ -22,9 +20,12 @@ class SumOfSquares:
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
+        self._order = order_of(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._cholesky = Cholesky(0 if self._small else self._free)
+        if not self._small:
+            compiled.accumulator.prepare()
 
     @property
     def small(self) -> bool:
@@ -46,7 +47,9 @@ class SumOfSquares:
         return self._full
 
     def cost(self, values: Float) -> float:
-        """Sum of losses plus roughness."""
+        """Sum of losses plus roughness; infinite where breakpoints are out of order."""
+        if not rising(self._order, values):
+            return np.inf
         return self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
 
     def normal(self, values: Float) -> tuple[Float, Float]:
@@ -74,39 +77,8 @@ class SumOfSquares:
             if at < self._free:
                 size = self._compiled.problem.parameters[name].size
                 floor[at : at + size] = FLOOR * diagonal[at : at + size].mean() if size > 1 else 0.0
+        for key, at in self._compiled.values.moving.items():
+            if at < self._free:
+                part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
+                floor[part] = FLOOR * diagonal[part].mean()
         return floor
-
-
-def limits_of(problem: Problem, compiled: Compiled) -> Limits:
-    """Bounds, locks and pins of the free values. Raises `InputError` where a pin cannot be met."""
-    free = compiled.values.free
-    lower, upper = np.full(free, -np.inf), np.full(free, np.inf)
-    for name in problem.free_names:
-        parameter, at = problem.parameters[name], compiled.values.offsets[name]
-        part = slice(at, at + parameter.size)
-        held = parameter.locked.ravel()
-        lower[part] = np.where(held, parameter.values.ravel(), parameter.lower.ravel())
-        upper[part] = np.where(held, parameter.values.ravel(), parameter.upper.ravel())
-    rows = []
-    for pin in problem.pins:
-        if pin.parameter not in problem.free_names:
-            raise InputError.of(f"pin of {pin.parameter}", "the parameter is not free", "Free it, or drop the pin.")
-        columns, weights = _grid_points(problem, pin.parameter, pin.at)
-        rows.append((columns + compiled.values.offsets[pin.parameter], weights, pin.value))
-    matrix, target = pins(free, rows)
-    return Limits(lower, upper, matrix, target)
-
-
-def _grid_points(problem: Problem, name: str, at: tuple[float, ...]) -> tuple[Int, Float]:
-    """Flat grid points around a coordinate and their weights."""
-    parameter = problem.parameters[name]
-    axes = parameter.index_axes
-    if len(at) != len(axes):
-        raise InputError.of(f"pin of {name}", f"{list(at)} has {len(at)} coordinates for {len(axes)} axes")
-    sides = [
-        cell_weights(position(np.array([x]), axis.breakpoints, parameter.extrapolation), len(axis))[0]
-        for x, axis in zip(at, axes, strict=True)
-    ]
-    weights = table_weights(sides, parameter.values.shape)[0]
-    columns = np.flatnonzero(weights)
-    return columns, weights[columns]

@@ -1,7 +1,8 @@
 """A calibration problem: model, data, parameters and criteria; and its compiled form."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from typing import Literal
@@ -11,14 +12,19 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.graph import OPERATIONS, Builder, Graph
+from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
-from kennfeld.native import Accumulator, Kernel, Output, Samples
+from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
 from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.criterion import Criterion, Pin
+from kennfeld.optimize.breakpoints import Place, fitted_axes
+from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.gathering import Source, gather
-from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.moving_roughness import roughness_of
+from kennfeld.optimize.settling import ages, averaged, averages, fewer_pieces, restarted
+from kennfeld.optimize.weighting import Weighting
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "smoothable"]
@@ -33,8 +39,8 @@ class Problem:
     """Everything a calibration needs, with nothing computed yet.
 
     `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
-    "auto" in its place. `unknown_shifts` names, by dataset, the channels whose shift is to be found.
-    `channels` names the channel of a model input where the names differ.
+    "auto" in its place. `channels` names the channel of a model input where the names differ. `unknown_shifts` names,
+    by dataset, the channels whose shift is to be found.
     """
 
     model: Model
@@ -45,6 +51,8 @@ class Problem:
     smoothness: Smoothness = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[Shape | Equality, ...] = ()
+    limits: tuple[Limit, ...] = ()
     unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @cached_property
@@ -54,23 +62,54 @@ class Problem:
         return tuple(n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
 
     @cached_property
+    def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
+        """The axes whose breakpoints are fitted."""
+        return fitted_axes(self.parameters, self.free_names)
+
+    @property
+    def idle_axes(self) -> list[AxisKey]:
+        """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
+        used = self.model.graph.parameters
+        return [
+            key
+            for key, axis in free_axes(self.parameters).items()
+            if key not in self.free_axes and any(name in used for name, _ in axis.places)
+        ]
+
+    @property
+    def held(self) -> list[Place]:
+        """The places at which pins and equalities fix what a lookup gives."""
+        terms = [term for c in self.constraints if isinstance(c, Equality) for term in c.terms]
+        return [(pin.parameter, pin.at) for pin in self.pins] + [(t.parameter, t.at) for t in terms if t.at is not None]
+
+    @cached_property
     def training(self) -> tuple[Bound, ...]:
         """The training data, bound to the model."""
         return tuple(self.bind(data) for data in self.datasets if data.use == "training" and data.weight > 0)
 
+    @cached_property
+    def gathered(self) -> tuple[Bound, ...]:
+        """The training data as they are compiled: without memory, dropped points stay where they are, not scored."""
+        return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
+
     def bind(self, dataset: Dataset) -> Bound:
         """A dataset as the model reads it."""
-        return bind(dataset, self.graph, self.channels)
+        return bind(dataset, self.graph, self.channels, self.model.step)
 
     @cached_property
     def graph(self) -> Graph:
-        """The model's graph with one more node a criterion, named by `difference`: node minus target node."""
+        """The model's graph with one more node a criterion, named by `difference`: node minus target node.
+
+        Where steady-state points are averaged over the end of their settling, it is the mean of that.
+        """
         b = Builder.of(self.model.graph)
         names = dict(self.model.graph.names)
+        averaging = averages(self.model.graph, self.datasets)
         for i, criterion in enumerate(self.criteria):
             node = names[criterion.node]
             other = self.target_node(criterion)
-            names[difference(i)] = node if other is None else b.call("sub", node, names[other])
+            found = node if other is None else b.call("sub", node, names[other])
+            names[difference(i)] = averaged(b, found) if averaging and not criterion.internal else found
         return b.finish(names, self.model.graph.units, self.model.graph.outputs)
 
     def target_node(self, criterion: Criterion) -> str | None:
@@ -89,7 +128,8 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
-        return np.where(bound.scored & np.isfinite(values), values, np.nan)
+        counts = bound.scored & ~np.isinf(values)
+        return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
         """Smoothness of each axis of a parameter; 0 where it is automatic, until it is chosen."""
@@ -122,7 +162,7 @@ def _outputs(problem: Problem) -> list[str]:
 def smoothable(problem: Problem) -> bool:
     """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
     lowered = lower(problem.graph, problem.parameters, problem.free_names)
-    needed = split(lowered.graph, _outputs(problem), problem.free_names).graph
+    needed = split(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
@@ -136,24 +176,32 @@ class Compiled:
     def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
-        lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
+        self.weighting = Weighting.of(problem.criteria, problem.training)
+        graph = self.weighting.extended(problem.graph)
+        self._restarts = any(bound.hold is not None for bound in problem.training)
+        if self._restarts:
+            graph = restarted(graph)
+        lowered = lower(_with_even_step(graph, problem.training), parameters, free if smooth_like else ())
+        fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         outputs = _outputs(problem)
-        self._split = split(lowered.graph, outputs, free)
+        self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
+        names = reduced.graph.names
+        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
         self.kernel = Kernel(
             reduced,
             [
-                Output(reduced.graph.names[name], c.scale, c.loss, c.delta)
-                for name, c in zip(outputs, problem.criteria, strict=True)
+                Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
+                for i, (name, c) in enumerate(zip(outputs, problem.criteria, strict=True))
             ],
             parameters,
-            free,
+            fitted,
         )
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
         self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
         self.accumulator = Accumulator(self.kernel, self.samples)
         self.values = self.kernel.values
-        self.roughness = Roughness.of(parameters, self.values, {name: problem.factors(name) for name in free})
+        self.roughness = roughness_of(parameters, self.values, {name: problem.factors(name) for name in free})
         self.start = self.values.pack(parameters)
 
     @property
@@ -161,22 +209,53 @@ class Compiled:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [
-            np.isfinite(samples.targets[:, piece.first : piece.last]).sum(axis=1) @ (piece.scores / scales**2)
-            for piece in samples.pieces
-        ]
+        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
+
+    def _counts(self, piece: Piece) -> Float:
+        """How many samples of a piece each output scores; weighted ones count as much as their weight."""
+        counts = self.samples.scored(piece).astype(np.float64)
+        if self.weighting.inputs:
+            visits = np.arange(piece.first, piece.last)
+            scored = np.isfinite(self.samples.targets_of(visits))
+            inputs = self.samples.inputs_of(visits)
+            for i, name in self.weighting.inputs.items():
+                counts[i] = inputs[self.kernel.layout.inputs[name]][scored[i]].sum()
+        return counts
+
+    def reweighted(self, factors: Float) -> "Compiled":
+        """The same with the weight of each criterion times a factor; nothing is compiled again."""
+        made = copy(self)
+        made.samples = self.samples.reweighted(factors)
+        made.accumulator = Accumulator(self.kernel, made.samples)
+        return made
+
+    def reread_targets(self) -> None:
+        """Take over targets that were changed in place; those made by `reweighted` share them."""
+        self.samples.wanted.reread()
 
     def set_width(self, spacings: float) -> None:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
+    def moved(self, problem: Problem) -> "Compiled":
+        """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
+        other = copy(self)
+        other.problem, other.start = problem, self.values.pack(problem.parameters)
+        return other
+
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
-        sources = [
-            Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.training
-        ]
+        sources = []
+        for bound in problem.gathered:
+            further = self.weighting.columns(bound) | (ages(bound.hold, bound.count) if self._restarts else {})
+            starts = bound.starts if bound.hold is None else fewer_pieces(bound.starts)
+            whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
+            targets = [
+                partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
+                for i, c in enumerate(problem.criteria)
+            ]
+            sources.append(Source(whole, targets, self._scores(bound)))
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
     def _scores(self, bound: Bound) -> Float:
@@ -190,14 +269,13 @@ class Compiled:
         elif mine == list(theirs):
             samples = other.samples
         else:
-            rows = other.samples.data[[theirs[name] for name in mine]]
-            samples = Samples(rows, other.samples.targets, other.samples.pieces)
+            samples = other.samples.with_inputs([theirs[name] for name in mine])
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
 def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
     """The graph with `dt` a constant where all data have the same even step."""
-    steps = {float(step) for bound in bounds if "dt" in bound.columns for step in _extremes(bound.columns["dt"])}
+    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     if len(steps) != 1:
         return graph
     step = steps.pop()

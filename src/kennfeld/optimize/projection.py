@@ -3,10 +3,14 @@
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.native import Factor
-from kennfeld.optimize.quadratic import Limits, solve
+from kennfeld.errors import Finding, InputError
+from kennfeld.native import Factor, Values
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.quadratic import solve
 
-__all__ = ["project"]
+__all__ = ["infeasible", "project"]
 
 FEASIBLE = 1e-9  # of the limits' scale
 
@@ -30,9 +34,36 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     there[movable] = narrow.clip(here + step)
     missed = limits.violations(there, size)
     if not np.all(missed <= FEASIBLE):
-        worst = int(np.argmax(np.nan_to_num(missed, nan=np.inf)))
-        return None, f"Pins contradict bounds, locks or each other: pin {worst + 1} cannot be met."
-    return there, "The start did not keep the pins and was moved to the nearest values that do."
+        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")[:3]
+        named = "; ".join(limits.rows.names[row] for row in worst if not missed[row] <= FEASIBLE)
+        return None, f"Limits contradict bounds, locks or each other. Not met: {named}."
+    return there, "The start did not keep its limits and was moved to the nearest values that do."
+
+
+def infeasible(problem: Problem) -> list[Finding]:
+    """Bounds, locks and linear limits of a problem that contradict each other."""
+    if not problem.pins and not problem.constraints:
+        return []
+    values = _in_order(problem)
+    try:
+        limits = limits_of(problem, values)
+    except InputError as error:
+        return list(error.findings)
+    moved, remark = project(values.pack(problem.parameters)[: values.free], limits)
+    return [Finding("constraints", remark)] if moved is None else []
+
+
+def _in_order(problem: Problem) -> Values:
+    """The free values one after the other, as no kernel is needed to compare limits."""
+    offsets, end = {}, 0
+    for name in problem.free_names:
+        offsets[name] = end
+        end += problem.parameters[name].size
+    moving, places = {}, {}
+    for key, axis in problem.free_axes.items():
+        moving[key], places[key] = end, axis.places[0]
+        end += len(axis.axis)
+    return Values(offsets, free=end, reach=0, total=end, moving=moving, places=places)
 
 
 def _sizes(values: Float) -> Float:

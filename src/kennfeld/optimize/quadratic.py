@@ -1,73 +1,29 @@
-"""The convex quadratic program of one step: min 1/2 d'Hd + g'd within bounds and under linear equalities.
+"""The convex quadratic program of one step: min 1/2 d'Hd + g'd within bounds and linear rows.
 
 H is factored once. If the free step violates limits, the violated ones and those active before enter a small dual
 problem, solved through triangular solves with the same factor; repeated until none is violated, which ends because
 limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Factor
+from kennfeld.optimize.limits import Limits
 
-__all__ = ["Limits", "Solution", "nonnegative_dual", "solve"]
+__all__ = ["Solution", "nonnegative_dual", "solve"]
 
-FEASIBLE = 1e-12  # violation of a row relative to its scale that counts as rounding
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Bounds on each value and equalities between values: `lower <= p <= upper`, `matrix @ p == target`."""
-
-    lower: Float  # Float[values]
-    upper: Float  # Float[values]
-    matrix: Float = field(default_factory=lambda: np.zeros((0, 0)))  # Float[equalities, values]
-    target: Float = field(default_factory=lambda: np.zeros(0))  # Float[equalities]
-
-    def __post_init__(self) -> None:
-        if not self.target.size:
-            object.__setattr__(self, "matrix", np.zeros((0, self.lower.size)))
-
-    @classmethod
-    def none(cls, size: int) -> "Limits":
-        """No limits on `size` values."""
-        return cls(np.full(size, -np.inf), np.full(size, np.inf), np.zeros((0, size)), np.zeros(0))
-
-    @property
-    def movable(self) -> Bool:
-        """Which values may change."""
-        return self.lower < self.upper
-
-    def clip(self, values: Float) -> Float:
-        """The values put within their bounds, bit for bit."""
-        clipped: Float = np.clip(values, self.lower, self.upper)
-        return clipped
-
-    def violations(self, values: Float, size: Float) -> Float:
-        """How far each equality is missed, relative to its scale for values of this typical size."""
-        scale = np.abs(self.matrix) @ size + np.abs(self.target) + 1e-300
-        missed: Float = np.abs(self.matrix @ values - self.target) / scale
-        return missed
-
-    def violation(self, values: Float) -> float:
-        """The largest of the `violations`, for values of the size they have."""
-        return float(np.max(self.violations(values, np.abs(values)), initial=0.0))
-
-    def narrowed(self, movable: Int, values: Float) -> "Limits":
-        """The limits on the movable values, the others standing as they are; rows without a movable value fall out."""
-        held = np.ones(values.size, dtype=bool)
-        held[movable] = False
-        rest = self.target - self.matrix[:, held] @ values[held]
-        rows = (self.matrix[:, movable] != 0).any(axis=1)
-        return Limits(self.lower[movable], self.upper[movable], self.matrix[rows][:, movable], rest[rows])
+FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The step, and the bounds that hold it: +1 at the upper, -1 at the lower bound, 0 free."""
+    """The step, and what holds it: +1 at an upper, -1 at a lower side, 0 free; bounds of the values first, then rows.
+
+    Equalities, which always hold, are not marked.
+    """
 
     step: Float
     active: Int
@@ -76,81 +32,102 @@ class Solution:
 def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: Int | None = None) -> Solution:
     """The minimiser of the quadratic program at the point `at`.
 
-    `factor` is that of H, `free_step` is -H^-1 g. `guess` are bounds likely to be active.
+    `factor` is that of H, `free_step` is -H^-1 g. `guess` are limits likely to be active.
     """
-    room_up, room_down = limits.upper - at, at - limits.lower
-    if not limits.target.size and np.all(free_step <= room_up) and np.all(-free_step <= room_down):
-        return Solution(free_step, np.zeros(at.size, dtype=np.int64))
-    rows = _Rows(factor, free_step)
-    rows.add_equalities(limits.matrix, limits.target - limits.matrix @ at)
+    room = _Room(at, limits)
+    equal = np.concatenate([np.zeros(at.size, dtype=bool), limits.rows.equal])
+    if not equal.any() and not room.passed(free_step).any():
+        return Solution(free_step, np.zeros(equal.size, dtype=np.int64))
+    dual = _Dual(factor, free_step, limits, room)
+    dual.add(equal.astype(np.int64))
+    dual.equalities = int(equal.sum())
     if guess is not None:
-        rows.add_bounds(guess, room_up, room_down)
-    step = rows.step()
-    for _ in range(2 * at.size + 1):
-        found = np.where(step > room_up + rows.slack(room_up), 1, 0)
-        found = np.where(-step > room_down + rows.slack(room_down), -1, found)
-        found[rows.bounded[found[rows.bounded] == rows.signs]] = 0
+        dual.add(np.where(equal, 0, guess))
+    step = dual.step()
+    for _ in range(2 * equal.size + 1):
+        found = np.where(equal, 0, room.passed(step))
+        found[dual.which[found[dual.which] == dual.signs]] = 0
         if not found.any():
             break
-        rows.add_bounds(found, room_up, room_down)
-        step = rows.step()
-    return Solution(step, rows.active(at.size))
+        dual.add(found)
+        step = dual.step()
+    return Solution(step, dual.active())
 
 
-class _Rows:
+class _Room:
+    """How far a step may go: the sides of all bounds, then of all rows, seen from a point."""
+
+    def __init__(self, at: Float, limits: Limits) -> None:
+        self.rows = limits.rows
+        here = np.concatenate([at, self.rows.times(at)])
+        self.upper = np.concatenate([limits.upper, self.rows.upper]) - here
+        self.lower = np.concatenate([limits.lower, self.rows.lower]) - here
+        summed = np.concatenate([np.zeros(at.size), self.rows.size(at)])
+        self.over, self.under = (
+            FEASIBLE * np.maximum(np.where(np.isfinite(side), np.abs(side), 0.0) + summed, 1e-300)
+            for side in (self.upper, self.lower)
+        )
+
+    def passed(self, step: Float) -> Int:
+        """The limits that a step passes by more than rounding: +1 upper, -1 lower."""
+        taken = np.concatenate([step, self.rows.times(step)])
+        passed: Int = np.where(taken > self.upper + self.over, 1, np.where(taken < self.lower - self.under, -1, 0))
+        return passed
+
+
+class _Dual:
     """The limits under consideration, equalities first, as rows of V' = (L^-1 A')'."""
 
-    def __init__(self, factor: Factor, free_step: Float) -> None:
-        self.factor = factor
-        self.free_step = free_step
+    def __init__(self, factor: Factor, free_step: Float, limits: Limits, room: _Room) -> None:
+        self.factor, self.free_step, self.limits, self.room = factor, free_step, limits, room
+        self.taken = np.concatenate([free_step, limits.rows.times(free_step)])
         self.rows = np.zeros((0, factor.inverse.size))
+        self.products = np.zeros((0, 0))  # of the rows with each other
         self.excess = np.zeros(0)
         self.equalities = 0
-        self.bounded = np.zeros(0, dtype=np.int64)
+        self.which = np.zeros(0, dtype=np.int64)
         self.signs = np.zeros(0, dtype=np.int64)
         self.multipliers = np.zeros(0)
 
-    @staticmethod
-    def slack(room: Float) -> Float:
-        """How far a bound may be passed by rounding; the clip that follows removes it."""
-        return FEASIBLE * np.maximum(np.where(np.isfinite(room), np.abs(room), 0.0), 1e-300)
-
-    def add_equalities(self, matrix: Float, rest: Float) -> None:
-        if rest.size:
-            self._append(matrix, matrix @ self.free_step - rest)
-            self.equalities = rest.size
-
-    def add_bounds(self, signs: Int, up: Float, down: Float) -> None:
-        """Bounds on the values where `signs` is not 0, and finite."""
-        room = np.where(signs > 0, up, down)
-        which = np.flatnonzero((signs != 0) & np.isfinite(room))
-        rows = np.zeros((which.size, self.free_step.size))
-        rows[np.arange(which.size), which] = signs[which]
-        self.bounded = np.concatenate([self.bounded, which])
-        self.signs = np.concatenate([self.signs, signs[which]])
-        self._append(rows, signs[which] * self.free_step[which] - room[which])
-
-    def _append(self, rows: Float, excess: Float) -> None:
-        if rows.size:
-            self.rows = np.vstack([self.rows, self.factor.solve_lower(rows)])
-            self.excess = np.concatenate([self.excess, excess])
+    def add(self, signs: Int) -> None:
+        """Limits where `signs` is not 0, and finite."""
+        side = np.where(signs > 0, self.room.upper, self.room.lower)
+        which = np.flatnonzero((signs != 0) & np.isfinite(side))
+        if not which.size:
+            return
+        values = self.free_step.size
+        rows = np.zeros((which.size, values))
+        single = which < values
+        rows[np.flatnonzero(single), which[single]] = 1.0
+        rows[~single] = self.limits.rows.matrix(which[~single] - values, values)
+        signed = signs[which]
+        new = self.factor.solve_lower(rows * signed[:, None])
+        mixed = self.rows @ new.T
+        self.products = np.block([[self.products, mixed], [mixed.T, new @ new.T]])
+        self.rows = np.vstack([self.rows, new])
+        self.excess = np.concatenate([self.excess, signed * (self.taken[which] - side[which])])
+        self.which = np.concatenate([self.which, which])
+        self.signs = np.concatenate([self.signs, signed])
 
     def step(self) -> Float:
         if not self.excess.size:
             return self.free_step
-        self.multipliers = nonnegative_dual(self.rows @ self.rows.T, self.excess, self.equalities)
+        known = self.multipliers.size
+        guess = np.concatenate([self.multipliers > 0, self.excess[known:] > 0])
+        self.multipliers = nonnegative_dual(self.products, self.excess, self.equalities, guess)
         step: Float = self.free_step - self.factor.solve_upper(self.multipliers @ self.rows)
         return step
 
-    def active(self, size: int) -> Int:
-        signs = np.zeros(size, dtype=np.int64)
-        pressed = self.multipliers[self.equalities :] > 0
-        signs[self.bounded[pressed]] = self.signs[pressed]
+    def active(self) -> Int:
+        signs = np.zeros(self.taken.size, dtype=np.int64)
+        pressed = self.multipliers > 0
+        pressed[: self.equalities] = False
+        signs[self.which[pressed]] = self.signs[pressed]
         return signs
 
 
-def nonnegative_dual(matrix: Float, excess: Float, equalities: int) -> Float:
-    """Min 1/2 m'Sm - e'm with m >= 0 but for the first `equalities`, which are free.
+def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
+    """Min 1/2 m'Sm - e'm with m >= 0 but for the first `equalities`, which are free; `guess` are likely to be above 0.
 
     Block principal pivoting with a single-exchange rule as backup (Judice and Pires 1994), which ends.
     """
@@ -159,7 +136,7 @@ def nonnegative_dual(matrix: Float, excess: Float, equalities: int) -> Float:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(scale, scale) + 1e-14 * np.eye(size)
     wanted = excess / scale
-    inside = ~bounded | (wanted > 0)
+    inside = ~bounded | (wanted > 0 if guess is None else guess)
     best, patience = size + 1, 3
     for _ in range(50 + 5 * size):
         m = np.zeros(size)
@@ -178,12 +155,3 @@ def nonnegative_dual(matrix: Float, excess: Float, equalities: int) -> Float:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         inside ^= wrong
     return np.where(bounded, np.maximum(m, 0.0), m) / scale
-
-
-def pins(size: int, rows: Sequence[tuple[Int, Float, float]]) -> tuple[Float, Float]:
-    """Equality rows from (columns, coefficients, right-hand side)."""
-    matrix, target = np.zeros((len(rows), size)), np.zeros(len(rows))
-    for row, (columns, coefficients, value) in enumerate(rows):
-        np.add.at(matrix[row], columns, coefficients)
-        target[row] = value
-    return matrix, target

@@ -3,15 +3,20 @@
 import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool
+from kennfeld.arrays import Float
+from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Quality", "Result", "Seconds", "TraceLine"]
+if TYPE_CHECKING:
+    from kennfeld.optimize.trust import Inspection, Trust
+
+__all__ = ["Quality", "Result", "Seconds", "StartResult", "TraceLine"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,10 @@ class Quality:
 
 @dataclass(frozen=True)
 class TraceLine:
-    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation."""
+    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation.
+
+    In a sequence the step's name stands before it: `step 1: plain`.
+    """
 
     iteration: int
     start: int
@@ -54,10 +62,36 @@ class Seconds:
 
 
 @dataclass(frozen=True)
+class StartResult:
+    """How one start ended. `distance` is from the best start's values, each parameter relative to its size there."""
+
+    start: int
+    status: Status
+    message: str
+    cost_before: float
+    cost_after: float
+    iterations: int
+    evaluations: int
+    distance: float = float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of "starts" in `result.json`."""
+        return {
+            "start": self.start,
+            "status": self.status,
+            "message": self.message,
+            "iterations": self.iterations,
+            "evaluations": self.evaluations,
+            "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
+            "distance": _number(self.distance),
+        }
+
+
+@dataclass(frozen=True)
 class Result:
     """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
 
-    `trust` marks, for each free parameter, the values that data or smoothness inform; the others keep their start.
+    `starts` has a row for each start; `resumed` names the saved states that the search went on from.
     `smoothness` holds the factors of each table with an automatic one, by axis: x, y, z or w.
     `shifts` holds the shifts that were found, by dataset and channel, in s; for steady-state data in samples.
     """
@@ -75,9 +109,27 @@ class Result:
     free_values: int
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
-    trust: Mapping[str, Bool] = field(default_factory=dict)
+    inspection: "Inspection | None" = field(default=None, repr=False, compare=False)
+    starts: tuple[StartResult, ...] = ()
+    resumed: tuple[str, ...] = ()
     smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def moved(self) -> dict[str, tuple[Float, Float]]:
+        """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
+        pairs = {}
+        for key, free in free_axes(self.start).items():
+            table, which = free.places[0]
+            pairs[str(key)] = (free.axis.breakpoints, self.parameters[table].axes[which].breakpoints)
+        return {name: pair for name, pair in pairs.items() if not np.array_equal(*pair)}
+
+    @cached_property
+    def trust(self) -> "Trust":
+        """What the data determine of the free values; computed when it is first asked for."""
+        from kennfeld.optimize.trust import Trust
+
+        return Trust() if self.inspection is None else self.inspection.trust
 
     @property
     def converged(self) -> bool:
@@ -85,7 +137,8 @@ class Result:
         return self.status == "converged"
 
     def as_json(self) -> dict[str, Any]:
-        """The contents of `result.json`; numbers that are not finite are None."""
+        """The contents of `result.json`; numbers that are not finite are None. Moved breakpoints come last, if any."""
+        moved = {name: {"before": old.tolist(), "after": new.tolist()} for name, (old, new) in self.moved.items()}
         return {
             "status": self.status,
             "message": self.message,
@@ -94,13 +147,16 @@ class Result:
             "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
+            "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
+            "starts": [row.as_json() for row in self.starts],
+            "resumed": list(self.resumed),
+            "trust": self.trust.as_json(),
             "smoothness": {
                 name: {axis: _number(factor) for axis, factor in factors.items()}
                 for name, factors in self.smoothness.items()
             },
             "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
-            "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
-        }
+        } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
         """The quality as rows of text, the heading first."""
@@ -112,6 +168,18 @@ class Result:
                 *(f"{q.r2_after:.4f}", _four_digits(q.max_abs_after)),
             )
             for q in self.quality
+        ]
+        return [head, *rows]
+
+    def starts_table(self) -> list[tuple[str, ...]]:
+        """The starts as rows of text, the heading first."""
+        head = ("start", "status", "cost before", "cost after", "iterations", "distance")
+        rows = [
+            (
+                *(str(row.start), row.status, f"{row.cost_before:.6g}", f"{row.cost_after:.6g}"),
+                *(str(row.iterations), f"{row.distance:.3g}"),
+            )
+            for row in self.starts
         ]
         return [head, *rows]
 

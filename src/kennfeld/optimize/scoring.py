@@ -1,6 +1,8 @@
 """Simulation of a calibrated model, and how well it meets its criteria."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +18,8 @@ from kennfeld.parameters import ParameterSet
 
 __all__ = ["Nodes", "Scorer"]
 
+BLOCK = 65536  # samples at once, so that memory does not grow with the data
+
 
 class Nodes:
     """Named nodes of a graph, compiled; all that are visible unless `names` says which."""
@@ -24,21 +28,43 @@ class Nodes:
         names = list(graph.names) if names is None else names
         self._names, self._units = names, graph.units
         lowered = lower(graph, parameters)
+        self._remembers = bool(lowered.graph.states)
         self._simulator = Simulator(lowered, [lowered.graph.names[name] for name in names], parameters)
 
     def values(self, bound: Bound, parameters: ParameterSet) -> Float:
         """Shape (names, samples)."""
-        rows = [bound.columns[name] for name in self._simulator.inputs]
-        data = np.array(rows).reshape(len(rows), bound.count)
-        return self._simulator.run(parameters, data, bound.starts.tolist())
+        return self._simulator.over(bound.columns, bound.count, parameters, bound.starts.tolist())
+
+    def blocks(self, bound: Bound, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
+        """Samples and their values, shape (names, samples), block by block; a piece with memory is computed at once."""
+        columns = bound.columns
+        for starts, end in _stretches(bound.starts if self._remembers else range(0, bound.count, BLOCK), bound.count):
+            first = starts[0]
+            held = {name: values[first:end] for name, values in columns.items()}
+            found = self._simulator.over(held, end - first, parameters, [start - first for start in starts])
+            for at in range(first, end, BLOCK):
+                here = slice(at, min(at + BLOCK, end))
+                yield here, found[:, here.start - first : here.stop - first]
 
     def dataset(self, bound: Bound, parameters: ParameterSet) -> Dataset:
-        """The nodes as channels, over the samples of a bound dataset."""
+        """The nodes as channels, over the samples of a bound dataset; one value a point where points are held."""
         values = self.values(bound, parameters)
+        if bound.hold is not None:
+            values, bound = bound.hold.mean(values), bound.shown
         channels = tuple(Channel(n, v, self._units.get(n, "")) for n, v in zip(self._names, values, strict=True))
         time = None if bound.dataset.time is None else bound.dataset.time[bound.kept]
         starts = bound.starts if bound.count else np.zeros(1, dtype=np.int64)
         return Dataset(bound.dataset.name, channels, time, starts)
+
+
+def _stretches(starts: Iterable[int], count: int) -> Iterator[tuple[list[int], int]]:
+    """Neighbouring pieces, together at least a block: where they start, and the end of the last."""
+    held: list[int] = []
+    for start, end in pairwise([*(int(start) for start in starts), count]):
+        held.append(start)
+        if end - held[0] >= BLOCK or end == count:
+            yield held, end
+            held = []
 
 
 class Scorer:
@@ -46,48 +72,86 @@ class Scorer:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._names = [difference(i) for i in range(len(problem.criteria))]
-        self._nodes = Nodes(problem.graph, problem.parameters, self._names)
+        self._nodes = Nodes(problem.graph, problem.parameters, [difference(i) for i in range(len(problem.criteria))])
         self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
-    def errors(self, parameters: ParameterSet) -> list[Float]:
-        """Model minus target, one array of shape (criteria, samples) a dataset; NaN where not scored."""
-        problem = self._problem
-        return [
-            self._nodes.values(bound, parameters) - np.array([problem.target(c, bound) for c in problem.criteria])
-            for bound in self._bounds
-        ]
+    def errors(self, bound: Bound, parameters: ParameterSet) -> Float:
+        """Model minus target at each sample, shape (criteria, samples); NaN where it is not scored."""
+        targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
+        return self._nodes.values(bound, parameters) - np.array(targets)
 
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
         """The quality of each criterion on each dataset."""
-        problem = self._problem
-        pairs = zip(self._bounds, self.errors(before), self.errors(after), strict=True)
-        return tuple(
-            _quality(criterion.node, bound, old[i], new[i], problem.target(criterion, bound))
-            for bound, old, new in pairs
-            for i, criterion in enumerate(problem.criteria)
-        )
+        return tuple(row for bound in self._bounds for row in self._rows(bound, before, after))
+
+    def _rows(self, bound: Bound, before: ParameterSet, after: ParameterSet) -> list[Quality]:
+        criteria = self._problem.criteria
+        targets = [self._problem.target(criterion, bound) for criterion in criteria]
+        old, new = (self._errors(bound, targets, parameters) for parameters in (before, after))
+        parts = zip(criteria, targets, old, new, strict=True)
+        return [_quality(criterion.node, bound, target, *errors) for criterion, target, *errors in parts]
+
+    def _errors(self, bound: Bound, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
+        """The errors of each criterion, model minus target, where it is scored."""
+        found = [_Errors() for _ in targets]
+        for samples, values in self._nodes.blocks(bound, parameters):
+            for errors, target, value in zip(found, targets, values, strict=True):
+                errors.add(value, target[samples])
+        return found
 
 
-def _quality(node: str, bound: Bound, old: Float, new: Float, target: Float) -> Quality:
-    scored = np.isfinite(target)
-    count = int(scored.sum())
-    error = new[scored]
-    with np.errstate(over="ignore", invalid="ignore"):
-        spread = float(np.sum((target[scored] - target[scored].mean()) ** 2)) if count else 0.0
-        rest = float(np.sum(error**2))
+@dataclass
+class _Errors:
+    """What is known of the errors added so far."""
+
+    count: int = 0
+    squares: float = 0.0
+    largest: float = 0.0
+
+    def add(self, values: Float, target: Float) -> None:
+        """Take the errors at more samples, where the target is known."""
+        scored = np.isfinite(target)
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = values[scored] - target[scored]
+            self.count += error.size
+            self.squares += float(np.sum(error**2))
+            self.largest = float(np.abs(error).max(initial=self.largest))
+
+
+def _quality(criterion: str, bound: Bound, target: Float, old: _Errors, new: _Errors) -> Quality:
+    spread = _spread(target)
     return Quality(
-        criterion=node,
+        criterion=criterion,
         dataset=bound.dataset.name,
         use=bound.dataset.use,
-        samples=count,
-        rmse_before=_rmse(old[scored]),
-        rmse_after=_rmse(error),
-        r2_after=1.0 - rest / spread if spread > 0 else float("nan"),
-        max_abs_after=float(np.abs(error).max()) if count else float("nan"),
+        samples=new.count,
+        rmse_before=_rmse(old),
+        rmse_after=_rmse(new),
+        r2_after=1.0 - new.squares / spread if spread > 0 else float("nan"),
+        max_abs_after=new.largest if new.count else float("nan"),
     )
 
 
-def _rmse(error: Float) -> float:
+def _rmse(errors: _Errors) -> float:
+    return float(np.sqrt(errors.squares / errors.count)) if errors.count else float("nan")
+
+
+def _spread(target: Float) -> float:
+    """Sum of the squared distances from the mean, where the target is known; exactly 0 where it is constant."""
+    count, total = 0, 0.0
+    first = next((float(part[0]) for part in _known(target)), 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+        for part in _known(target):
+            count += part.size
+            total += float(np.sum(part - first))
+        mean = first + total / max(count, 1)
+        return float(sum(np.sum((part - mean) ** 2) for part in _known(target)))
+
+
+def _known(target: Float) -> Iterator[Float]:
+    """The values that are there, block by block."""
+    for at in range(0, target.size, BLOCK):
+        part = target[at : at + BLOCK]
+        known = part[np.isfinite(part)]
+        if known.size:
+            yield known

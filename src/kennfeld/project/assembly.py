@@ -1,25 +1,30 @@
 """Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.optimize import Criterion, Pin, Problem
+from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.binding import Bound
-from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.optimize.output_limits import channels_of, check_limits
+from kennfeld.optimize.projection import infeasible
+from kennfeld.parameters import ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
-from kennfeld.project.coverage import Coverage, touched
+from kennfeld.project.constraints import Constraints, build_constraints
 from kennfeld.project.criteria import build_criteria
+from kennfeld.project.free_breakpoints import check_free_axes
 from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
+from kennfeld.project.locking import untouched
+from kennfeld.project.method import method_findings
+from kennfeld.project.samples import sample_findings, settling_findings, weight_channels
 from kennfeld.project.schema import ProjectFile
+from kennfeld.project.steps import build_steps
 from kennfeld.project.tables import Tables, build_tables
 
 __all__ = ["Assembly", "assemble"]
@@ -33,20 +38,25 @@ class Assembly:
     problem: Problem | None
     seconds: float
     places: dict[str, str]  # of the datasets, by name
+    steps: tuple[Step, ...] = ()
 
 
 def assemble(file: ProjectFile) -> Assembly:
     """Read everything that a project file names."""
     began = time.perf_counter()
     work = _Assembling(file)
-    problem = None
+    problem, steps = None, tuple[Step, ...]()
     try:
         problem = work.problem()
+        if problem is not None:
+            steps = build_steps(file, problem, work.findings)
     except InputError as error:
         work.findings += error.findings
     except ArgumentError as error:
         work.findings.append(Finding(file.path.name, str(error)))
-    return Assembly(tuple(dict.fromkeys(work.findings)), problem, time.perf_counter() - began, dict(work.loaded.places))
+    findings, places = tuple(dict.fromkeys(work.findings)), dict(work.loaded.places)
+    sound = problem if not work.failed else None
+    return Assembly(findings, sound, time.perf_counter() - began, places, steps)
 
 
 class _Assembling:
@@ -75,15 +85,27 @@ class _Assembling:
         self._check_shifts()
         if tables is not None and self.function is not None:
             self._check_tables(tables, self.function)
-        pins = self._pins(tables) if tables is not None else ()
-        if self._failed or tables is None or self.function is None:
+        constraints = Constraints()
+        if tables is not None:
+            constraints = build_constraints(file, tables, self.function, findings)
+        if self.failed or tables is None or self.function is None:
             return None
-        problem = self._problem(self.function, tables, criteria, pins)
+        problem = self._problem(self.function, tables, criteria, constraints)
+        self.findings += check_free_axes(self.file, problem)
         self._check_samples(problem)
-        return None if self._failed else self._locked(problem, tables)
+        self._check_limits(problem)
+        findings += method_findings(file, problem)
+        findings += sample_findings(file, problem, self.loaded)
+        return None if self.failed else self._feasible(self._locked(problem, tables))
+
+    def _feasible(self, problem: Problem) -> Problem | None:
+        """The problem, None where its limits contradict each other."""
+        found = infeasible(problem)
+        self.findings += found
+        return None if found else problem
 
     def _problem(
-        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], pins: tuple[Pin, ...]
+        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
     ) -> Problem:
         return Problem(
             model=resolved(function.model, tables.parameters),
@@ -92,13 +114,16 @@ class _Assembling:
             criteria=criteria,
             free=tables.patterns,
             smoothness=tables.smoothness,
-            pins=pins,
+            pins=constraints.pins,
             channels=dict(self.file.channels),
+            constraints=constraints.linear,
+            limits=constraints.limits,
             unknown_shifts=dict(self.loaded.unknown_shifts),
         )
 
     @property
-    def _failed(self) -> bool:
+    def failed(self) -> bool:
+        """Whether a finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
     def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
@@ -136,7 +161,11 @@ class _Assembling:
             for entry in file.criteria
             if entry.target.kind in ("channel", "name")
         }
-        optional = {**targets, **{name: why for name, why in quantiles.items() if name not in nodes}}
+        if function is not None:
+            limits = [Limit(entry.node, entry.lower, entry.upper, entry.where) for entry in file.limits]
+            targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
+        optional = {**weight_channels(file), **targets}
+        optional |= {name: why for name, why in quantiles.items() if name not in nodes}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
@@ -144,7 +173,7 @@ class _Assembling:
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of calculated channels that nothing uses; conditions may use any."""
-        conditions = " ".join(entry.where for entry in self.file.datasets)
+        conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
         if self.function is None:
             return
         used = {*calculated.needed(names), *calculated.broken}
@@ -167,12 +196,16 @@ class _Assembling:
         if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
             mend = 'Write use = "training" and a weight above 0 in one of them.'
             self._report("[[dataset]]", "no dataset is used for training", mend)
-        if self.function is None or not uses_clock(self.function.graph):
+        if self.function is None:
+            return
+        self.findings += settling_findings(self.function.graph, self.loaded)
+        if not uses_clock(self.function.graph):
             return
         for data in self.loaded.datasets:
-            if data.time is None:
+            if data.time is None and data.settling is None:
                 what = f"the function needs time steps, but dataset {data.name} has no time stamps"
-                self.findings.append(Finding(self.loaded.places[data.name], what, "Name the time channel `time`."))
+                mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+                self.findings.append(Finding(self.loaded.places[data.name], what, mend))
 
     def _check_shifts(self) -> None:
         """What stands in the way of finding a shift."""
@@ -210,29 +243,10 @@ class _Assembling:
         if not tables.free and function.graph.parameters:
             self._report("[calibration] free", "no parameter that the function uses is free", 'Write free = ["*"].')
 
-    def _pins(self, tables: Tables) -> tuple[Pin, ...]:
-        made = []
-        for name, entry in self.file.parameters.items():
-            table = tables.parameters[name]
-            for number, pin in enumerate(entry.pins, 1):
-                part = f"[parameters.{name}] pin {number}"
-                if len(pin.at) != len(table.index_axes):
-                    what = f"{list(pin.at)} has {_coordinates(len(pin.at))}, {name} has {len(table.index_axes)} axes"
-                    self._report(part, what, "Write at = [...], one an axis.")
-                    continue
-                if name not in tables.free and self.function is not None and name in self.function.graph.parameters:
-                    self._report(part, f"{name} is not free", "Free it, or remove the pin.")
-                self._check_beyond(part, pin.at, table)
-                if name in tables.free:
-                    made.append(Pin(name, pin.at, pin.value))
-        return tuple(made)
-
-    def _check_beyond(self, part: str, at: tuple[float, ...], table: Parameter) -> None:
-        for x, axis in zip(at, table.index_axes, strict=True):
-            first, last = axis.breakpoints[0], axis.breakpoints[-1]
-            if not first <= x <= last:
-                what = f"{x:g} lies beyond the axis, {first:g} to {last:g}"
-                self._report(part, what, "The pin holds where the lookup ends up.", warning=True)
+    def _check_limits(self, problem: Problem) -> None:
+        """Limits of outputs that cannot be read."""
+        if problem.limits:
+            self.findings += [replace(f, place=self.file.place(f"[[{f.place}]]")) for f in check_limits(problem)]
 
     def _check_samples(self, problem: Problem) -> None:
         """Datasets and criteria that no sample reaches."""
@@ -255,25 +269,8 @@ class _Assembling:
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:
             return problem
-        coverage = Coverage(problem.model.graph, problem.parameters, names)
-        seen = {name: np.zeros(problem.parameters[name].values.shape, dtype=bool) for name in names}
-        for bound in problem.training:
-            for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
-                seen[name] |= mask
-        changed = [problem.parameters[name].changed(locked=~mask) for name, mask in seen.items()]
+        changed = [problem.parameters[name].changed(locked=mask) for name, mask in untouched(problem, names).items()]
         return replace(problem, parameters=problem.parameters.with_parameters(*changed))
-
-
-def _counting(problem: Problem) -> Callable[[Bound], Bool]:
-    """The samples that count: without states those with a target, else all, since the later ones depend on them."""
-
-    def counts(bound: Bound) -> Bool:
-        if problem.model.graph.states:
-            return np.ones(bound.count, dtype=bool)
-        scored = [np.isfinite(problem.target(criterion, bound)) for criterion in problem.criteria]
-        return np.asarray(np.logical_or.reduce(scored))
-
-    return counts
 
 
 def _emptiest(problem: Problem, bound: Bound) -> str:

@@ -12,6 +12,7 @@ from kennfeld.errors import Finding, nearest
 from kennfeld.graph import Builder, Graph
 from kennfeld.parameters import Axis, ParameterSet
 from kennfeld.project.calculated import evaluated, uses_clock
+from kennfeld.project.free_breakpoints import made_free
 from kennfeld.project.function import Function
 from kennfeld.project.schema import AxisEntry, ProjectFile
 
@@ -47,12 +48,20 @@ class Axes:
         if name in self._file.axes:
             if name not in self._groups:
                 own = self._file.axes[name]
-                self._groups[name] = self._axis(own, own.input, name)
+                self._groups[name] = self.freed(own, name) if own.inherits else self._axis(own, own.input, name)
             return self._groups[name]
         if name not in self._given:
             mend = nearest(name, [*self._file.axes, *self._given]) or f"Write a section [axes.{name}]."
             self._findings.append(Finding(entry.place, f"there is no group axis {name}", mend))
         return self._given.get(name)
+
+    def freed(self, entry: AxisEntry, name: str) -> Axis | None:
+        """The group axis of the initial files, its breakpoints free."""
+        if name not in self._given:
+            mend = nearest(name, self._given) or "Write breakpoints, or begin, end and count."
+            self._report(entry, f"the initial files have no group axis {name} whose breakpoints to free", mend)
+            return None
+        return made_free(self._given[name], entry, self._findings)
 
     def _axis(self, entry: AxisEntry, quantity: str, name: str) -> Axis | None:
         points: Sequence[float] | Float | None = entry.breakpoints
@@ -60,7 +69,8 @@ class Axes:
             points = self._quantiles(entry, quantity)
         if points is None or not len(points):
             return None
-        return Axis(points, input=quantity, unit=self._unit(quantity), name=name)
+        axis = Axis(points, input=quantity, unit=self._unit(quantity), name=name)
+        return made_free(axis, entry, self._findings)
 
     def _unit(self, quantity: str) -> str:
         if self._function is None:

@@ -46,12 +46,12 @@ class Coverage:
 
     def blocks(self, bound: Bound) -> Iterator[Block]:
         """The coordinates of every lookup, block by block."""
+        columns = bound.columns
         for first, last in self._ranges(bound):
-            found = {at: bound.columns[name][first:last] for at, name in self._inputs.items()}
+            held = {name: values[first:last] for name, values in columns.items()}
+            found = {at: held[name] for at, name in self._inputs.items()}
             if self._simulator is not None:
-                rows = [bound.columns[name][first:last] for name in self._simulator.inputs]
-                data = np.array(rows).reshape(len(rows), last - first)
-                found |= zip(self._roots, self._simulator.run(self._parameters, data), strict=True)
+                found |= zip(self._roots, self._simulator.over(held, last - first, self._parameters), strict=True)
             for name, places in self._lookups:
                 yield Block(name, first, tuple(found[at] for at in places))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.dataset import Dataset, concatenate
+from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
@@ -86,7 +86,8 @@ class _Loading:
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
         conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
-        self.required = {**dict(wanted.required), **conditions}
+        weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
+        self.required = {**dict(wanted.required), **conditions, **weights}
         self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
         self.failed = bool(entry.where) and self.where is None
 
@@ -201,7 +202,8 @@ class _Loading:
         name = self.entry.name or default_name(paths, self.entry.files[0])
         joined = concatenate(name, whole) if len(whole) > 1 else whole[0]
         use, weight = self.entry.use, self.entry.weight
-        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap)
+        sampled = self.entry.weight_channel
+        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap, weight_channel=sampled)
 
     def _check_units(self, parts: Sequence[Dataset]) -> None:
         units: dict[str, str] = {}
@@ -216,6 +218,7 @@ class _Loading:
 
     def _finished(self, dataset: Dataset) -> Dataset | None:
         shift = self.entry.shift or {}
+        dataset = self._held(dataset)
         if not self._fits_time(dataset, shift):
             return None
         dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
@@ -229,6 +232,15 @@ class _Loading:
         if self.wanted.step is not None:
             dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
         return dataset
+
+    def _held(self, dataset: Dataset) -> Dataset:
+        """The dataset as points to be held, whatever their time stamps, where the entry asks for it."""
+        entry = self.entry
+        if entry.settle is None:
+            return dataset
+        return replace(
+            dataset, time=None, settling=Settling(entry.settle, entry.average, entry.step or self.wanted.step)
+        )
 
     def _fits_time(self, dataset: Dataset, shift: Mapping[str, float]) -> bool:
         """Whether what the entry says fits data without time stamps, where there are none."""

@@ -15,6 +15,7 @@ from kennfeld.project.sections import read_project
 if TYPE_CHECKING:  # the solver costs most of a second to import, and reading the file alone does not need it
     from kennfeld.optimize import Options, Problem, Result
     from kennfeld.project.assembly import Assembly
+    from kennfeld.project.saves import Saves
 
 __all__ = ["Project"]
 
@@ -51,7 +52,18 @@ class Project:
         from kennfeld.optimize import Options
 
         given = self.file.optimizer
-        return Options(given.max_iterations, given.tolerance, given.continuation)
+        return Options(
+            max_iterations=given.max_iterations,
+            tolerance=given.tolerance,
+            continuation=given.continuation,
+            method=given.method,
+            max_evaluations=given.max_evaluations,
+            starts=given.starts,
+            seed=given.seed,
+            spread=given.spread,
+            steps=self._assembly.steps if self.file.steps else (),
+            save_every=given.save_every,
+        )
 
     @property
     def seconds_read(self) -> float:
@@ -81,14 +93,52 @@ class Project:
             raise InputError([*self.findings, *assembly.findings])
         return assembly.problem
 
-    def calibrate(self, progress: Callable[[Any], None] | None = None) -> "Result":
+    def calibrate(
+        self,
+        progress: Callable[[Any], None] | None = None,
+        *,
+        folder: str | Path | None = None,
+        workers: int | None = None,
+        resume: bool = False,
+    ) -> "Result":
         """Find the best values; `progress` hears of each accepted step and may raise `Stop`.
 
-        Raises `InputError` like `problem`; a fit that fails is a result too.
+        Several starts run in so many `workers`, by default one a core. States of the search go to `saves` in the
+        results folder, by default `results` beside the project file, as `save_every` says; with `resume` the search
+        goes on from there. Raises `InputError` like `problem`, and where there is nothing to resume; a fit that fails
+        is a result too.
         """
+        from dataclasses import replace
+
         from kennfeld.optimize import Seconds, run
 
-        return run(self.problem(), self.options, progress, Seconds(read=self.seconds_read))
+        problem, options = self.problem(), replace(self.options, workers=workers)
+        seconds = Seconds(read=self.seconds_read)
+        if not (resume or options.save_every):
+            return run(problem, options, progress, seconds)
+        from kennfeld.project.saves import Found
+
+        saves = self.saves(folder)
+        found = saves.found() if resume else Found()
+        if not resume:
+            saves.begin()
+        result = run(
+            problem,
+            options,
+            progress,
+            seconds,
+            keep=lambda saved: saves.keep(saved, problem.parameters),
+            resumed=found.states,
+        )
+        odd = [*found.findings, *([saves.missed] if saves.missed else [])]
+        said = [result.message, *(f"{finding}." for finding in odd)]
+        return replace(result, message=" ".join(said))
+
+    def saves(self, folder: str | Path | None = None) -> "Saves":
+        """The saved states in a results folder."""
+        from kennfeld.project.saves import Saves
+
+        return Saves(Path(folder or self.path.parent / "results"), self.path)
 
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None

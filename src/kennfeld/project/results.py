@@ -18,8 +18,9 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
+from kennfeld.project.trust_table import write_trust
 
-__all__ = ["Simulated", "require_room", "write", "write_json", "write_simulation"]
+__all__ = ["Simulated", "require_room", "write", "write_simulation", "write_text"]
 
 ELSEWHERE = "Name another folder with -o."
 
@@ -37,8 +38,10 @@ class Simulated(Protocol):
         """Nodes and targets over all datasets."""
 
 
-def write(result: Result, project: Simulated, folder: str | Path) -> tuple[Path, ...]:
-    """Write a result into a folder and give the paths of its files.
+def write(
+    result: Result, project: Simulated, folder: str | Path, documents: Mapping[str, str] | None = None
+) -> tuple[Path, ...]:
+    """Write a result into a folder, with further texts by file name, and give the paths of its files.
 
     Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
     """
@@ -48,7 +51,10 @@ def write(result: Result, project: Simulated, folder: str | Path) -> tuple[Path,
         for ending in dict.fromkeys((".json", *project.formats)):
             write_parameters(result.parameters, scratch / f"parameters{ending}")
         _write_trace(result.trace, scratch / "trace.csv")
+        write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
+        for name, text in (documents or {}).items():
+            (scratch / name).write_text(text, encoding="utf-8", newline="\n")
         _write_json(result.as_json(), scratch / "result.json")
         names = [
             path.name for path in sorted(scratch.iterdir(), key=lambda path: (path.name == "result.json", path.name))
@@ -70,14 +76,6 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
     return target
 
 
-def write_json(content: Any, path: Path) -> Path:
-    """Write one more JSON file into a folder of results, whole or not at all."""
-    with _written_beside(path.parent) as scratch:
-        _write_json(content, scratch / path.name)
-        _move([path.name], scratch, path.parent)
-    return path
-
-
 def require_room(folder: str | Path) -> None:
     """Raise `InputError` where nothing can be written into a folder; leaves no trace."""
     target = Path(folder)
@@ -89,6 +87,15 @@ def require_room(folder: str | Path) -> None:
         for path in made:
             with suppress(OSError):
                 path.rmdir()
+
+
+def write_text(text: str, path: str | Path) -> Path:
+    """Write a text into a file of its own, whole or not at all."""
+    target = Path(path)
+    with _written_beside(target.parent) as scratch:
+        (scratch / target.name).write_text(text, encoding="utf-8", newline="\n")
+        _move([target.name], scratch, target.parent)
+    return target
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """What a project file says, as frozen values; how it is written is known in `sections.py` alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -16,19 +16,27 @@ __all__ = [
     "CalibrationEntry",
     "CriterionEntry",
     "DatasetEntry",
+    "EqualityEntry",
     "Factor",
+    "Freedom",
+    "LimitEntry",
+    "Lock",
     "ModelEntry",
     "OptimizerEntry",
     "ParameterEntry",
     "PinEntry",
     "ProjectFile",
     "Range",
+    "RegionEntry",
+    "StepEntry",
     "TargetEntry",
+    "TermEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
 Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
+Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 
 @dataclass(frozen=True)
@@ -54,14 +62,26 @@ class DatasetEntry:
     max_gap: float = 0.0
     shift: Mapping[str, float] | None = None
     unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be found
+    weight_channel: str = ""
+    settle: float | None = None
+    average: float = 0.0
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What breakpoints keep while they are fitted, see `Axis`."""
+
+    min_distance: float | None = None
+    range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class AxisEntry:
-    """Where the breakpoints of an axis come from; exactly one way is filled in.
+    """Where the breakpoints of an axis come from; at most one way is filled in.
 
     `breakpoints` as given or spread evenly; `group` names a group axis; `quantiles` asks for so many of the training
-    data's quantiles.
+    data's quantiles. Without any of them they come from the initial files. With `freedom` they are fitted.
     """
 
     place: str
@@ -69,6 +89,12 @@ class AxisEntry:
     breakpoints: tuple[float, ...] = ()
     group: str = ""
     quantiles: int = 0
+    freedom: Freedom | None = None
+
+    @property
+    def inherits(self) -> bool:
+        """Whether the breakpoints are those of the initial files."""
+        return not (self.breakpoints or self.group or self.quantiles) and self.freedom is not None
 
 
 @dataclass(frozen=True)
@@ -92,8 +118,10 @@ class ParameterEntry:
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
     smoothness: Factor | Mapping[str, Factor] | None = None
-    lock: bool | Literal["no-data"] | tuple[Range, ...] = False
+    lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
+    gradient: Range = field(default_factory=dict)
+    curvature: Range = field(default_factory=dict)
     extrapolation: Extrapolation | None = None
 
 
@@ -107,6 +135,14 @@ class TargetEntry:
 
 
 @dataclass(frozen=True)
+class RegionEntry:
+    """One entry of `regions`."""
+
+    where: str
+    weight: float
+
+
+@dataclass(frozen=True)
 class CriterionEntry:
     """One `[[criterion]]`."""
 
@@ -117,6 +153,37 @@ class CriterionEntry:
     loss: Literal["square", "huber", "soft_l1"] = "square"
     delta: float = 1.0
     scale: float = 1.0
+    weight_channel: str = ""
+    regions: tuple[RegionEntry, ...] = ()
+
+
+@dataclass(frozen=True)
+class LimitEntry:
+    """One `[[limit]]`."""
+
+    place: str
+    node: str
+    lower: float
+    upper: float
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class TermEntry:
+    """One term of an `[[equality]]`; without coordinates the sum of all values."""
+
+    parameter: str
+    at: tuple[float, ...] | None
+    factor: float
+
+
+@dataclass(frozen=True)
+class EqualityEntry:
+    """One `[[equality]]`."""
+
+    place: str
+    terms: tuple[TermEntry, ...]
+    value: float
 
 
 @dataclass(frozen=True)
@@ -135,6 +202,28 @@ class OptimizerEntry:
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    method: Literal["gauss-newton", "global"] = "gauss-newton"
+    max_evaluations: int = 0
+    starts: int = 1
+    seed: int = 0
+    spread: float = 0.5
+    save_every: int = 0
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """One `[[step]]`; None where a key is missing. Names of parameters may be patterns."""
+
+    place: str
+    name: str = ""
+    free: tuple[str, ...] | None = None
+    lock: Mapping[str, Lock] | None = None
+    smoothness: float | Mapping[str, float | Mapping[str, float]] | None = None
+    grid_reduction: float | Mapping[str, float | Mapping[str, float]] | None = None
+    criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = None
+    max_iterations: int | None = None
+    tolerance: float | None = None
+    continuation: Literal["auto", "off"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +241,9 @@ class ProjectFile:
     parameters: Mapping[str, ParameterEntry]
     criteria: tuple[CriterionEntry, ...]
     optimizer: OptimizerEntry
+    limits: tuple[LimitEntry, ...] = ()
+    equalities: tuple[EqualityEntry, ...] = ()
+    steps: tuple[StepEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     CalibrationEntry,
     CriterionEntry,
@@ -13,9 +14,11 @@ from kennfeld.project.schema import (
     ModelEntry,
     OptimizerEntry,
     ProjectFile,
+    RegionEntry,
     TargetEntry,
 )
 from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import read_toml
 
@@ -40,11 +43,11 @@ def read_project(path: Path) -> ProjectFile:
         parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
         criteria=_criteria(root),
         optimizer=_optimizer(root),
+        limits=tuple(limit_entry(section) for section in root.sections("limit")),
+        equalities=tuple(equality_entry(section) for section in root.sections("equality")),
+        steps=steps(root),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
-    for key in ("limit", "step"):
-        if root.get(key) not in (None, []):
-            root.report(f"[[{key}]]", f"[[{key}]] {NEXT}", "Remove it.")
     _end(root)
     if any(finding.severity == "error" for finding in findings):
         raise InputError(findings)
@@ -54,10 +57,11 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
+    more = ("limit", "equality", "optimizer", "step")
     for key, value in root.values.items():
-        if key not in (*known, "optimizer", "limit", "step"):
+        if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
-            mend = nearest(key, [*known, "optimizer", "limit", "step"])
+            mend = nearest(key, [*known, *more])
             root.report(f"[{key}]" if what == "section" else key, f"is no {what} that a project file knows", mend)
 
 
@@ -96,9 +100,29 @@ def _dataset(section: Section) -> DatasetEntry:
         max_gap=section.number("max_gap", 0.0, 0.0),
         shift=shift,
         unknown_shifts=unknown,
+        weight_channel=section.text("weight_channel"),
+        settle=section.number("settle", 0.0, 0.0, above=True) or None,
+        average=section.number("average", 0.0, 0.0),
+        step=section.number("step", 0.0, 0.0, above=True) or None,
     )
+    _check_settling(section, entry)
     section.end()
     return entry
+
+
+def _check_settling(section: Section, entry: DatasetEntry) -> None:
+    """Keys that need `settle`, and those that it excludes."""
+    if not section.has("settle"):
+        for key in ("average", "step"):
+            if section.has(key):
+                section.report(key, f"{key} has no meaning without settle", "Write settle = ... in s, or remove it.")
+        return
+    for key in ("raster", "warmup", "max_gap"):
+        if section.has(key):
+            section.report(key, f"{key} is for recordings in time, settle for steady-state points", "Remove one.")
+    for key, value in (("average", entry.average), ("step", entry.step)):
+        if entry.settle is not None and value is not None and value > entry.settle:
+            section.report(key, f"{value:g} s are longer than settle = {entry.settle:g} s", "Shorten it.")
 
 
 def _shift(section: Section) -> tuple[dict[str, float], tuple[str, ...]]:
@@ -164,9 +188,32 @@ def _criterion(section: Section) -> CriterionEntry:
         loss="huber" if loss == "huber" else "soft_l1" if loss == "soft_l1" else "square",
         delta=section.number("delta", 1.0, 0.0, above=True),
         scale=section.number("scale", 1.0, 0.0, above=True),
+        weight_channel=section.text("weight_channel"),
+        regions=_regions(section),
     )
     section.end()
     return entry
+
+
+def _regions(section: Section) -> tuple[RegionEntry, ...]:
+    given = section.get("regions")
+    example = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
+    if given is None:
+        return ()
+    if not isinstance(given, list) or not all(isinstance(item, dict) for item in given):
+        section.report("regions", "it must be a list of tables", example)
+        return ()
+    made = []
+    for number, item in enumerate(given, 1):
+        inner = Section(item, f"{section.place} region {number}", section.findings)
+        where, weight = inner.text("where"), inner.number("weight", 1.0, 0.0)
+        for key in ("where", "weight"):
+            if key not in item:
+                inner.report(key, "the key is missing", example)
+        inner.end()
+        if where:
+            made.append(RegionEntry(where, weight))
+    return tuple(made)
 
 
 def _target(section: Section) -> TargetEntry:
@@ -193,17 +240,21 @@ def _optimizer(root: Section) -> OptimizerEntry:
     section = root.section("optimizer")
     if section is None:
         return OptimizerEntry()
-    section.choice("method", "gauss-newton", ("gauss-newton",), later=("global",))
-    if section.whole("starts", 1, 1) > 1:
-        section.report("starts", f"more than one start {NEXT}", "Write starts = 1.")
-    if section.whole("save_every", 0, 0) > 0:
-        section.report("save_every", f"save_every {NEXT}", "Write save_every = 0.")
-    section.whole("seed", 0, 0)
+    method = section.choice("method", "gauss-newton", ("gauss-newton", "global"))
+    if method != "global" and section.has("max_evaluations"):
+        mend = 'Write method = "global", or max_iterations.'
+        section.report("max_evaluations", f"max_evaluations has no meaning for the method {method}", mend)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),
         tolerance=section.number("tolerance", 1e-8, 0.0, above=True),
         continuation="off" if continuation == "off" else "auto",
+        method="global" if method == "global" else "gauss-newton",
+        max_evaluations=section.whole("max_evaluations", 0, 1),
+        starts=section.whole("starts", 1, 1),
+        seed=section.whole("seed", 0, 0),
+        spread=section.number("spread", 0.5, 0.0, above=True),
+        save_every=section.whole("save_every", 0, 0),
     )
     section.end()
     return entry

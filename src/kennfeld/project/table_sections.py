@@ -1,22 +1,23 @@
 """`[parameters.NAME]` and `[axes.NAME]` of a project file, and the axes in them."""
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.project.schema import DIRECTIONS, AxisEntry, Factor, ParameterEntry, PinEntry, Range
+from kennfeld.project.limit_sections import shape_ranges
+from kennfeld.project.schema import DIRECTIONS, AxisEntry, Factor, Freedom, Lock, ParameterEntry, PinEntry, Range
 from kennfeld.project.section import Section, array
 
-__all__ = ["group_axis", "parameter_entry"]
+__all__ = ["group_axis", "parameter_entry", "read_lock"]
 
 _MOST_POINTS = 100_000
 _WAYS = "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
+_FREE = "free"  # instead of breakpoints, or as a key beside them
 
 
 def parameter_entry(name: str, section: Section) -> ParameterEntry:
     """One `[parameters.NAME]`."""
-    section.later("gradient")
     extrapolation = section.choice("extrapolation", "clip", ("clip", "linear"))
     entry = ParameterEntry(
         place=section.place,
@@ -28,8 +29,10 @@ def parameter_entry(name: str, section: Section) -> ParameterEntry:
         free=section.flag("free"),
         bounds=_bounds(section),
         smoothness=_smoothness(section),
-        lock=_lock(section),
+        lock=read_lock(section, "lock"),
         pins=_pins(section),
+        gradient=shape_ranges(section, "gradient"),
+        curvature=shape_ranges(section, "curvature"),
         extrapolation=None
         if "extrapolation" not in section.values
         else "linear"
@@ -65,24 +68,53 @@ def _axes(section: Section) -> dict[str, AxisEntry]:
 
 def _axis(section: Section, *, grouped: bool = False) -> AxisEntry:
     quantity = section.text("input")
+    freedom = _freedom(section)
     if grouped and section.has("axis"):
         if len(section.values) > 1:
-            section.report("", "a group axis brings its own breakpoints", 'Write { axis = "..." } alone.')
+            mend = 'Write { axis = "..." } alone; what frees its breakpoints belongs into its section.'
+            section.report("", "a group axis brings its own breakpoints", mend)
         return AxisEntry(section.place, group=section.text("axis"))
     spread = {key: section.number(key, np.nan) for key in ("begin", "end") if section.has(key)}
     count = section.whole("count", 0, 2) if section.has("count") else 0
-    if section.has("breakpoints"):
+    if section.has("breakpoints") and section.values["breakpoints"] != _FREE:
         if spread or count:
             section.report("", "breakpoints stand beside begin, end or count", "Keep one of them.")
-        return AxisEntry(section.place, quantity, _breakpoints(section))
+        return AxisEntry(section.place, quantity, _breakpoints(section), freedom=freedom)
     if count > _MOST_POINTS:
         section.report("count", f"{count} breakpoints are more than {_MOST_POINTS}")
     elif len(spread) == 2 and count:
-        return AxisEntry(section.place, quantity, _even(section, spread["begin"], spread["end"], count))
-    elif spread or "count" not in section.values:
+        points = _even(section, spread["begin"], spread["end"], count)
+        return AxisEntry(section.place, quantity, points, freedom=freedom)
+    elif spread or ("count" not in section.values and freedom is None):
         ways = _WAYS + (' or { axis = "..." }' if grouped else "")
         section.report("", f"the axis has {_listed(section)}", f"Write {ways}.")
-    return AxisEntry(section.place, quantity, quantiles=count)
+    return AxisEntry(section.place, quantity, quantiles=count, freedom=freedom)
+
+
+def _freedom(section: Section) -> Freedom | None:
+    """Whether breakpoints are fitted: `breakpoints = "free"` or `free = true`."""
+    word = section.get("breakpoints") == _FREE
+    flag = section.flag("free")
+    if word and flag is False:
+        section.report("free", 'breakpoints = "free" stands beside free = false', "Remove one of them.")
+    distance = section.number("min_distance", 0.0, 0.0, above=True) or None if section.has("min_distance") else None
+    ends = _ends(section)
+    if word or flag or (flag is None and "free" in section.values):
+        return Freedom(distance, ends)
+    for key in ("min_distance", "range"):
+        if key in section.values:
+            section.report(key, "has a meaning for free breakpoints alone", "Write free = true beside it.")
+    return None
+
+
+def _ends(section: Section) -> tuple[float, float] | None:
+    if not section.has("range"):
+        return None
+    ends = _numbers(section.values["range"])
+    if ends is None or len(ends) != 2 or not ends[0] < ends[1]:
+        section.report("range", "must be a lowest and a highest breakpoint", "Write range = [lowest, highest].")
+        return None
+    return ends[0], ends[1]
 
 
 def _listed(section: Section) -> str:
@@ -185,18 +217,19 @@ def _factor(section: Section, key: str) -> Factor:
     return section.number(key, 0.0, 0.0)
 
 
-def _lock(section: Section) -> bool | Literal["no-data"] | tuple[Range, ...]:
-    given = section.get("lock")
+def read_lock(section: Section, key: str) -> Lock:
+    """A lock: true, false, "no-data" or a list of ranges."""
+    given = section.get(key)
     if isinstance(given, bool) or given is None:
         return bool(given)
     if given == "no-data":
         return "no-data"
     if not isinstance(given, list) or not all(isinstance(part, dict) for part in given):
         mend = 'Write true, "no-data" or a list of ranges, [{ x = [0, 10] }].'
-        section.report("lock", f"{given!r} is no lock", mend)
+        section.report(key, f"{given!r} is no lock", mend)
         return False
     return tuple(
-        _range(Section(part, f"{section.place} lock {i}", section.findings)) for i, part in enumerate(given, 1)
+        _range(Section(part, f"{section.place} {key} {i}", section.findings)) for i, part in enumerate(given, 1)
     )
 
 

@@ -14,8 +14,10 @@ from kennfeld.errors import ArgumentError, Finding, nearest
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.parameters import Axis, Parameter, ParameterSet, parameter
 from kennfeld.project.axes import Axes
+from kennfeld.project.free_breakpoints import made_free
 from kennfeld.project.function import Function, coordinates_of
 from kennfeld.project.initial import described, sized
+from kennfeld.project.locking import lacking_axes, within
 from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
 
 __all__ = ["Tables", "build_tables"]
@@ -115,7 +117,9 @@ class _Table:
         fed = coordinates_of(self.function.graph, self.entry.name) if self.function else []
         made: list[Axis | None] = []
         for i, direction in enumerate(DIRECTIONS[:count]):
-            if direction in given:
+            if direction in given and given[direction].inherits:
+                made.append(self._freed(direction, old[i] if i < len(old) else None))
+            elif direction in given:
                 made.append(self.axes.made(given[direction], fed[i] if i < len(fed) else ""))
             elif i < len(old):
                 made.append(old[i])
@@ -124,6 +128,15 @@ class _Table:
                 made.append(None)
         whole = tuple(axis for axis in made if axis is not None)
         return whole if len(whole) == len(made) else None
+
+    def _freed(self, direction: str, old: Axis | None) -> Axis | None:
+        """The axis of the initial file, its breakpoints free."""
+        entry = self.entry.axes[direction]
+        if old is None:
+            mend = "Write breakpoints, begin, end and count, or count, beside it."
+            self._report(direction, "no initial file has breakpoints to begin from", mend)
+            return None
+        return made_free(old, entry, self.findings)
 
     def _values(self, axes: Sequence[Axis]) -> Float | None:
         shape = tuple(len(axis) for axis in axes)
@@ -183,15 +196,11 @@ class _Table:
         return held
 
     def _range(self, table: Parameter, part: Range, key: str) -> Bool:
-        inside = np.ones(table.values.shape, dtype=bool)
-        for direction, (first, last) in part.items():
-            which = DIRECTIONS.index(direction)
-            if which >= len(table.axes):
-                self._report(key, f"{table.name} has no axis {direction}")
-                return np.zeros(table.values.shape, dtype=bool)
-            points = table.axes[which].breakpoints
-            shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
-            inside &= ((points >= first) & (points <= last)).reshape(shape)
+        beyond = lacking_axes(table, part)
+        if beyond:
+            self._report(key, f"{table.name} has no axis {beyond[0]}")
+            return np.zeros(table.values.shape, dtype=bool)
+        inside = within(table, part)
         if not inside.any():
             self._report(key, "no grid point lies in this range", warning=True)
         return inside

@@ -135,4 +135,7 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "1.8 Nm" in said
     assert "converged" in said
+    open_ones = said.partition("What the data leave open:\n")[2].split("\n")
+    assert "Scaling MapOptTorque by 1.01, stretching CurveEtaDeltaSpark about 1" in open_ones[0]
+    assert "Pin a value of CurveEtaDeltaSpark that you know" in open_ones[0]
     assert {path.name for path in Path(tmp_path / "demo" / "results").iterdir()} >= {"result.json", "parameters.dcm"}

@@ -1,0 +1,280 @@
+"""The errors that remain: in their unit, relative, and in units of what is to be expected; and where they are large."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
+from kennfeld.analysis.cells import Cells, tally
+from kennfeld.analysis.leverage import sample_leverage
+from kennfeld.analysis.lookups import Lookups
+from kennfeld.analysis.series import Evaluator, Series
+from kennfeld.arrays import Float, Int
+from kennfeld.dataset import Use
+from kennfeld.optimize import Problem
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Errors", "Residuals", "Summary", "WorstSample", "residuals"]
+
+Scaling = Literal["studentized", "standardised"]
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """The errors of a criterion on one dataset, model minus measurement; NaN where not scored.
+
+    `relative` is the error over the size of the measurement, NaN where that is 0. `scaled` is the error over its
+    standard deviation; see `Residuals.scaling`.
+    """
+
+    dataset: str
+    use: Use
+    absolute: Float  # Float[samples], in the unit of the target
+    relative: Float  # Float[samples]
+    scaled: Float  # Float[samples]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The errors of a criterion on one dataset in numbers, in the unit of the target; `mean` is their bias.
+
+    `relative` is the median of the relative errors' sizes. `beyond` is the share of scaled errors above 3 in size:
+    0.3 % where errors are normal.
+    """
+
+    dataset: str
+    use: Use
+    samples: int
+    mean: float
+    deviation: float
+    rmse: float
+    r2: float
+    median: float
+    percentile_95: float
+    largest: float
+    relative: float
+    beyond: float
+    autocorrelation: Autocorrelation | None
+
+
+@dataclass(frozen=True)
+class WorstSample:
+    """One sample with a large error. `sample` counts the dataset's samples from 0; `time` is in s."""
+
+    dataset: str
+    use: Use
+    sample: int
+    piece: int
+    time: float | None
+    measured: float
+    model: float
+    error: float
+    relative: float
+    scaled: float
+    inputs: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What remains of one criterion.
+
+    `scaling` says what the scaled errors are: studentized, where it is known how much each sample pulls the fit
+    towards itself, else standardised by `deviation`, their standard deviation over the training data alone.
+    """
+
+    criterion: str
+    target: str
+    unit: str
+    scaling: Scaling
+    deviation: float
+    errors: tuple[Errors, ...]
+    summaries: tuple[Summary, ...]
+    cells: tuple[Cells, ...]
+    worst: tuple[WorstSample, ...]
+
+
+def residuals(
+    problem: Problem,
+    parameters: ParameterSet,
+    *,
+    trust: Any = None,
+    worst: int = 20,
+    series: Sequence[Series] | None = None,
+    lookups: Lookups | None = None,
+    cells: tuple[Cells, ...] | None = None,
+) -> tuple[Residuals, ...]:
+    """Analyse the errors of a parameter set, one entry a criterion.
+
+    An error is studentized, r / (s sqrt(1 - h)), where `trust.leverage` is known; h is the sample's leverage and
+    s^2 = sum r^2 / (n - sum h) over the training samples. A sample of the test data had no part in the fit: h = 0.
+
+    Args:
+        problem: function, data and criteria.
+        parameters: the values to analyse.
+        trust: the trust of a result; its `leverage` by table is used where it has one.
+        worst: how many of the largest errors to list.
+        series: the criteria as computed from `parameters`, where that is done already.
+        lookups: the lookups at `parameters`, where they are known already.
+        cells: the errors by cell, where they are known already.
+
+    Returns:
+        The residuals of each criterion that has a scored sample.
+
+    Source of the studentized residual: R. D. Cook, S. Weisberg: Residuals and Influence in Regression, 1982, ch. 2.
+
+    >>> import kennfeld as kf
+    >>> project = kf.Project.read("kennfeld.toml")  # doctest: +SKIP
+    >>> residuals(project.problem(), project.calibrate().parameters)[0].worst[0].error  # doctest: +SKIP
+    """
+    known = Evaluator(problem).series(parameters) if series is None else series
+    places = Lookups(problem, parameters) if lookups is None else lookups
+    given = getattr(trust, "leverage", None) or {}
+    leverage = sample_leverage(problem, places, known, given) if given else None
+    found = tally(places, parameters, known).cells if cells is None else cells
+    return tuple(
+        _of_criterion(problem, i, known, leverage, tuple(c for c in found if c.criterion == i), worst)
+        for i in range(len(problem.criteria))
+        if any(one.criterion == i for one in known)
+    )
+
+
+def _of_criterion(
+    problem: Problem,
+    number: int,
+    series: Sequence[Series],
+    leverage: Mapping[int, Float] | None,
+    cells: tuple[Cells, ...],
+    worst: int,
+) -> Residuals:
+    criterion = problem.criteria[number]
+    mine = {i: one for i, one in enumerate(series) if one.criterion == number}
+    pulls = {i: (leverage or {}).get(i, np.zeros(one.bound.count)) for i, one in mine.items()}
+    deviation = _deviation(list(mine.values()), list(pulls.values()))
+    errors = tuple(_errors(one, deviation * np.sqrt(1.0 - pulls[i])) for i, one in mine.items())
+    return Residuals(
+        criterion=criterion.node,
+        target=str(criterion.target),
+        unit=next(iter(mine.values())).unit,
+        scaling="standardised" if leverage is None else "studentized",
+        deviation=deviation,
+        errors=errors,
+        summaries=tuple(_summary(one, of) for one, of in zip(mine.values(), errors, strict=True)),
+        cells=cells,
+        worst=_worst(problem, list(mine.values()), errors, worst),
+    )
+
+
+def _deviation(series: Sequence[Series], pulls: Sequence[Float]) -> float:
+    """Standard deviation of the errors: sum r^2 / (n - sum h) over the training samples, or over all there are."""
+    pairs = list(zip(series, pulls, strict=True))
+    used = [(s, h) for s, h in pairs if s.bound.dataset.use == "training" and s.bound.dataset.weight > 0] or pairs
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = sum(float(np.nansum(s.error**2)) for s, _ in used)
+    free = sum(float(np.sum(1.0 - h[s.scored])) for s, h in used)
+    return float(np.sqrt(total / free)) if free > 0 else float("nan")
+
+
+def _errors(series: Series, deviation: Float) -> Errors:
+    error, data = series.error, series.bound.dataset
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        size = np.abs(series.measured)
+        relative = np.where(size > 0, error / size, np.nan)
+        scaled = np.where(deviation > 0, error / deviation, np.nan)
+    return Errors(data.name, data.use, error, relative, scaled)
+
+
+def _summary(series: Series, errors: Errors) -> Summary:
+    error = errors.absolute[np.isfinite(errors.absolute)]
+    known = error.size > 0
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.abs(error)
+        median, high = np.quantile(size, [0.5, 0.95]) if known else (np.nan, np.nan)
+        return Summary(
+            dataset=errors.dataset,
+            use=errors.use,
+            samples=int(series.scored.sum()),
+            mean=_mean(error),
+            deviation=float(error.std()) if known else float("nan"),
+            rmse=float(np.sqrt(_mean(error**2))),
+            r2=_r2(series, error),
+            median=float(median),
+            percentile_95=float(high),
+            largest=float(size.max()) if known else float("nan"),
+            relative=_median(np.abs(errors.relative)),
+            beyond=_mean(np.abs(errors.scaled[np.isfinite(errors.scaled)]) > 3),
+            autocorrelation=_memory(series),
+        )
+
+
+def _mean(values: Any) -> float:
+    return float(np.mean(values)) if values.size else float("nan")
+
+
+def _median(values: Float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def _r2(series: Series, error: Float) -> float:
+    measured = series.measured[series.scored]
+    spread = float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0
+    whole = error.size == measured.size
+    return 1.0 - float(np.sum(error**2)) / spread if spread > 0 and whole else float("nan")
+
+
+def _memory(series: Series) -> Autocorrelation | None:
+    """The autocorrelation of the errors of a recording, in s where its time step is even."""
+    if series.time is None:
+        return None
+    steps = np.delete(np.diff(series.time), series.bound.starts[1:] - 1)
+    step = float(np.median(steps)) if steps.size else 0.0
+    even = bool(steps.size and np.all(np.abs(steps - step) <= 1e-3 * step))
+    return autocorrelation(series.error, series.bound.starts, step if even else None)
+
+
+def _worst(problem: Problem, series: Sequence[Series], errors: Sequence[Errors], count: int) -> tuple[WorstSample, ...]:
+    """The largest errors of all datasets, the largest first; an error that is not finite is the largest.
+
+    Of neighbours in time whose errors have one sign only the worst is taken: they are one event.
+    """
+    found: list[tuple[float, int, int]] = []
+    for i, (one, of) in enumerate(zip(series, errors, strict=True)):
+        size = np.where(one.scored, np.nan_to_num(np.abs(of.absolute), nan=np.inf), -1.0)
+        places = np.arange(size.size) if one.time is None else _peaks(size, of.absolute, one.bound.starts)
+        if places.size > count:
+            places = places[np.argpartition(-size[places], count)[:count]]
+        found += [(float(size[at]), i, int(at)) for at in places if size[at] >= 0]
+    found.sort(key=lambda entry: (-entry[0], entry[1], entry[2]))
+    return tuple(_sample(problem, series[i], errors[i], at) for _, i, at in found[:count])
+
+
+def _peaks(size: Float, error: Float, starts: Int) -> Int:
+    """The greatest of each run of errors of one sign, by number."""
+    sign = np.where(size < 0, 0, np.where(error > 0, 1, -1))
+    fresh = np.ones(size.size, dtype=bool)
+    fresh[1:] = sign[1:] != sign[:-1]
+    fresh[starts] = True
+    firsts = np.flatnonzero(fresh)
+    run = np.cumsum(fresh) - 1
+    places = np.flatnonzero(size == np.maximum.reduceat(size, firsts)[run]) if size.size else firsts
+    return places[np.unique(run[places], return_index=True)[1]]
+
+
+def _sample(problem: Problem, series: Series, errors: Errors, at: int) -> WorstSample:
+    number = int(series.bound.kept[at])
+    time = series.time
+    return WorstSample(
+        dataset=errors.dataset,
+        use=errors.use,
+        sample=number,
+        piece=int(series.piece[at]),
+        time=None if time is None else float(time[at]),
+        measured=float(series.measured[at]),
+        model=float(series.model[at]),
+        error=float(errors.absolute[at]),
+        relative=float(errors.relative[at]),
+        scaled=float(errors.scaled[at]),
+        inputs={name: float(series.bound.inputs[name][number]) for name in problem.model.graph.inputs},
+    )

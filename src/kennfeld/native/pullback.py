@@ -1,0 +1,151 @@
+"""The loop that runs a pull-back: several rows at a time, each a lane of a vector.
+
+It knows nothing of the model, which hands it tables of who passes on to whom, times which factor, and, sample by
+sample, the factors. It is compiled once for each number of lanes.
+"""
+
+from collections.abc import Callable
+
+from kennfeld.native.engine import Shared
+from kennfeld.native.ir import Function, literal
+
+__all__ = ["PARAMETERS", "PULL"]
+
+ZERO = literal(0.0)
+
+PARAMETERS = (
+    ("i64", "rows"),
+    ("ptr", "roots"),  # i32[rows], where the adjoint of a row starts
+    ("ptr", "seeds"),  # double[rows], and with what
+    ("i64", "pull_count"),
+    ("ptr", "pulls"),  # i32[pulls][3]: of, onto, factor
+    ("ptr", "factors"),  # double[factors]
+    ("i64", "slots"),
+    ("ptr", "adjoints"),  # double[slots][lanes]; tables count in doubles from its beginning
+    ("i64", "leaf_count"),
+    ("ptr", "leaves"),  # i32[leaves], the adjoints that are slopes
+    ("i64", "entries"),
+    ("ptr", "sources"),  # i32[entries], whose adjoint each is to be multiplied with
+    ("ptr", "weights"),  # double[entries], and with what
+    ("ptr", "slope"),  # double[entries][rows]
+    ("i64", "state_count"),
+    ("ptr", "states"),  # i32[states]
+    ("i64", "outputs"),
+    ("ptr", "c"),  # double[outputs][states], slopes of the first rows with respect to states
+    ("ptr", "a"),  # double[rows - outputs][states], those of the others
+)
+
+
+def _pull(lanes: int) -> Function:
+    """`pull(...)`: all rows of one sample, `lanes` at a time; the last block overlaps the one before."""
+    f = Function("pull", PARAMETERS)
+    v = _Vectors(f, lanes)
+    blocks = f.new(f"sdiv i64 {f.add('%rows', lanes - 1)}, {lanes}")
+    last = f.add("%rows", -lanes)
+    with f.loop(0, blocks) as block:
+        row = f.new(f"call i64 @llvm.smin.i64(i64 {f.mul(block, lanes)}, i64 {last})")
+        _sweep(f, v, row, v.product)
+        with f.when(_wild(f, v)):
+            _sweep(f, v, row, v.guarded_product)
+        _fill_entries(f, v, row)
+        _fill_matrices(f, v, row)
+    return f
+
+
+def _sweep(f: Function, v: "_Vectors", row: str, product: Callable[[str, str], str]) -> None:
+    """All adjoints of the rows from `row` on."""
+    f.do(f"call void @llvm.memset.p0.i64(ptr %adjoints, i8 0, i64 {f.mul('%slots', 8 * v.lanes)}, i1 false)")
+    for lane in range(v.lanes):
+        own = f.add(row, lane)
+        f.store(f.load("%seeds", own), "%adjoints", f.add(_index(f, "%roots", own), lane))
+    with f.loop(0, "%pull_count") as pull:
+        first = f.mul(pull, 3)
+        of, onto, factor = (_index(f, "%pulls", f.add(first, i)) for i in range(3))
+        passed = product(v.load("%adjoints", of), f.load("%factors", factor))
+        v.store(v.sum(v.load("%adjoints", onto), passed), "%adjoints", onto)
+
+
+def _wild(f: Function, v: "_Vectors") -> str:
+    """Whether a slope is not finite: then zeros may have met what is not, which is rare and takes longer to do well."""
+    total = f.slot(v.kind)
+    f.do(f"store {v.kind} zeroinitializer, ptr {total}")
+    with f.loop(0, "%leaf_count") as leaf:
+        adjoint = v.load("%adjoints", _index(f, "%leaves", leaf))
+        nothing = f.new(f"fmul {v.kind} {adjoint}, zeroinitializer")
+        v.store(v.sum(v.load(total, "0"), nothing), total, "0")
+    found = ZERO
+    for lane in range(v.lanes):
+        found = f.new(f"fadd double {found}, {v.lane(v.load(total, '0'), lane)}")
+    return f.new(f"fcmp uno double {found}, {found}")
+
+
+def _index(f: Function, table: str, at: str) -> str:
+    return f.new(f"sext i32 {f.load(table, at, 'i32')} to i64")
+
+
+def _fill_entries(f: Function, v: "_Vectors", row: str) -> None:
+    """Write the slopes of entries."""
+    with f.loop(0, "%entries") as entry:
+        adjoint = v.load("%adjoints", _index(f, "%sources", entry))
+        place = f.add(f.new(f"mul i64 {entry}, %rows"), row)
+        v.store(v.guarded_product(adjoint, f.load("%weights", entry)), "%slope", place)
+
+
+def _fill_matrices(f: Function, v: "_Vectors", row: str) -> None:
+    """Write the slopes with respect to states, a row of a matrix a lane."""
+    bases = []
+    for lane in range(v.lanes):
+        own = f.add(row, lane)
+        below = f.new(f"sub i64 {own}, %outputs")
+        is_output = f.new(f"icmp slt i64 {below}, 0")
+        matrix = f.new(f"select i1 {is_output}, ptr %c, ptr %a")
+        number = f.new(f"select i1 {is_output}, i64 {own}, i64 {below}")
+        bases.append(f.at(matrix, f.new(f"mul i64 {number}, %state_count")))
+    with f.loop(0, "%state_count") as state:
+        adjoint = v.load("%adjoints", _index(f, "%states", state))
+        for lane, base in enumerate(bases):
+            f.store(v.lane(adjoint, lane), base, state)
+
+
+class _Vectors:
+    """Instructions on vectors of doubles."""
+
+    def __init__(self, f: Function, lanes: int) -> None:
+        self.f, self.lanes, self.kind = f, lanes, f"<{lanes} x double>"
+
+    def load(self, pointer: str, index: str) -> str:
+        return self.f.new(f"load {self.kind}, ptr {self.f.at(pointer, index)}, align 8")
+
+    def store(self, value: str, pointer: str, index: str) -> None:
+        self.f.do(f"store {self.kind} {value}, ptr {self.f.at(pointer, index)}, align 8")
+
+    def sum(self, a: str, b: str) -> str:
+        return self.f.new(f"fadd contract {self.kind} {a}, {b}")
+
+    def lane(self, vector: str, number: int) -> str:
+        return self.f.new(f"extractelement {self.kind} {vector}, i64 {number}")
+
+    def spread(self, number: str) -> str:
+        """A vector that holds a number in all lanes."""
+        first = self.f.new(f"insertelement {self.kind} poison, double {number}, i64 0")
+        zeros = f"<{self.lanes} x i32> zeroinitializer"
+        return self.f.new(f"shufflevector {self.kind} {first}, {self.kind} poison, {zeros}")
+
+    def product(self, vector: str, number: str) -> str:
+        """The product with a number."""
+        return self.f.new(f"fmul contract {self.kind} {vector}, {self.spread(number)}")
+
+    def guarded_product(self, vector: str, number: str) -> str:
+        """The product with a number; 0 where either is 0, whatever the other."""
+        f, factors = self.f, (vector, self.spread(number))
+        some = [f.new(f"fcmp une {self.kind} {factor}, zeroinitializer") for factor in factors]
+        both = f.new(f"and <{self.lanes} x i1> {', '.join(some)}")
+        product = f.new(f"fmul contract {self.kind} {', '.join(factors)}")
+        return f.new(f"select <{self.lanes} x i1> {both}, {self.kind} {product}, {self.kind} zeroinitializer")
+
+
+def _shared(lanes: int) -> Shared:
+    return Shared("pull", lambda: _pull(lanes).text())
+
+
+PULL = {lanes: _shared(lanes) for lanes in (1, 2, 4)}  # by lanes; more would no longer fit the nearest cache

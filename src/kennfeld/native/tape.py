@@ -1,0 +1,142 @@
+"""Native functions that write the tape of linearised steps, and what it begins with.
+
+The tape holds, for each sample, what the sums over samples need and nothing of the model's form:
+
+| array | holds |
+|---|---|
+| residual, weight | [outputs], 0 where a sample is not scored |
+| c | [outputs][carried], slopes of outputs with respect to states |
+| a | [carried][carried], slopes of next states with respect to states |
+| index, slope | [entries], [entries][outputs + carried]: column and slopes of each value that the step touches |
+| count | how many entries |
+
+An entry is a grid point of a lookup; one column may occur in several entries.
+"""
+
+from collections.abc import Sequence
+
+from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.pullback import PullBack
+from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
+from kennfeld.native.entries import entries_of, entry_items
+from kennfeld.native.ir import Function, literal
+from kennfeld.native.output import Output, counts, loss_of, scaled_residual, weighted
+from kennfeld.native.pullprogram import FILLED, PullProgram
+from kennfeld.native.rows import find
+from kennfeld.native.slopes import PulledRows, WrittenRows, output_row, state_row
+from kennfeld.native.step import RANGE, ROW, Code, Sample, each_sample, loop_code, node_items, step_items
+
+__all__ = ["start_code", "tape_code"]
+
+TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
+START = tuple(("ptr", name) for name in ("index", "slope", "count"))
+ZERO = literal(0.0)
+
+
+def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
+    """`tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range, see the module.
+
+    `scores[output]` is the weight of the dataset and criterion.
+    """
+    rows = [output_row(at, output) for at, output in enumerate(outputs)]
+    rows += [state_row(line.states[i].next) for i in line.carried]
+    tail = [_residual(at, output, len(outputs)) for at, output in enumerate(outputs)]
+    if isinstance(line.slopes, PullBack):
+        room = entries_of(line, layout, line.atoms).room
+        program = PullProgram("tape", line.slopes, line.seeds, room)
+        return _pulled_tape(line, layout, PulledRows(rows, program), tail, room)
+    written = WrittenRows(rows, line.slopes)
+    tail += written.matrix_items(line.seeds, len(outputs))
+    tail += entry_items(line, layout, line.atoms, written.writer, written.needs)
+    return loop_code("tape", TAPE, tail, line, layout, len(outputs))
+
+
+def _residual(at: int, output: Output, outputs: int) -> Item:
+    """Writes residual and weight of an output."""
+
+    def emit(step: Step) -> None:
+        f = step.f
+        residual, _ = scaled_residual(step, at, output)
+        scored = counts(f, at)
+        _, weight = loss_of(f, residual, output)
+        scored_weight = weighted(step, f.fmul(weight, f.load("%scores", at)), output)
+        place = f.add(f.mul("%row", outputs), at)
+        f.store(f.select(scored, residual, ZERO), "%residual", place)
+        f.store(f.select(scored, scored_weight, ZERO), "%weight", place)
+
+    return Item(output.nodes, emit)
+
+
+def _pulled_tape(line: Linearization, layout: Layout, rows: PulledRows, tail: list[Item], room: int) -> Code:
+    """The tape by a pull-back: the code of a sample leaves what that needs, a loop does the rest."""
+    program, outputs, n = rows.program, len(line.outputs), len(line.seeds)
+    tail = [*tail, *rows.seed_items(), *entry_items(line, layout, line.atoms, rows.writer, rows.needs)]
+    items = step_items(line, layout, tail, rows.factor_items())
+    own = [*PARAMETERS, *TAPE]
+    step = emit_items("tape_step", [*own, *FILLED, ROW], items, line.nodes, layout)
+    f = Function("tape", [*own, *RANGE])
+    memory = program.memory(f)
+    filled = [(kind, memory[name]) for kind, name in FILLED]
+    with each_sample(f, line, layout, outputs) as sample:
+        f.call("tape_step", [*sample.given(own), *filled, *sample.place])
+        c, a = (f.at(matrix, f.mul(sample.row, size * n)) for matrix, size in (("%c", outputs), ("%a", n)))
+        slope = f.at("%slope", f.mul(sample.row, room * program.rows))
+        program.run(f, memory, entries=_entry_count(f, sample.row), slope=slope, outputs=outputs, c=c, a=a)
+    program.free(f, memory)
+    return Code(f.name, f.parameters, program.tables() + step + f.text())
+
+
+def start_code(line: Linearization, layout: Layout) -> Code:
+    """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
+    rows = [state_row(line.starts[i]) for i in line.carried]
+    if isinstance(line.start_slopes, PullBack):
+        room = entries_of(line, layout, line.start_atoms).room
+        return _pulled_start(line, layout, PulledRows(rows, PullProgram("start", line.start_slopes, (), room)))
+    written = WrittenRows(rows, line.start_slopes)
+    items = node_items(line.nodes, [*line.starts, *written.slope_nodes])
+    items += entry_items(line, layout, line.start_atoms, written.writer, written.needs)
+    items.append(_fill_memory(line, layout))
+    own = [*PARAMETERS, *START]
+    step = emit_items("start_step", [*own, ROW], items, line.nodes, layout)
+    f = Function("start", [*own, ("i64", "k")])
+    sample = Sample(f, "0", *find(f, "%k"))
+    f.call("start_step", [*sample.given(own), *sample.place])
+    return Code(f.name, f.parameters, step + f.text())
+
+
+def _pulled_start(line: Linearization, layout: Layout, rows: PulledRows) -> Code:
+    """The start by a pull-back."""
+    program = rows.program
+    items = node_items(line.nodes, line.starts, rows.factor_items())
+    items += [*rows.seed_items(), *entry_items(line, layout, line.start_atoms, rows.writer, rows.needs)]
+    items.append(_fill_memory(line, layout))
+    own = [*PARAMETERS, *START]
+    step = emit_items("start_step", [*own, *FILLED, ROW], items, line.nodes, layout)
+    f = Function("start", [*own, ("i64", "k")])
+    memory, sample = program.memory(f), Sample(f, "0", *find(f, "%k"))
+    filled = [(kind, memory[name]) for kind, name in FILLED]
+    f.call("start_step", [*sample.given(own), *filled, *sample.place])
+    program.run(f, memory, entries=_entry_count(f, "0"), slope="%slope", outputs=0, c="null", a="null")
+    program.free(f, memory)
+    return Code(f.name, f.parameters, program.tables() + step + f.text())
+
+
+def _fill_memory(line: Linearization, layout: Layout) -> Item:
+    """Writes the first value of every state to all its cells."""
+
+    def emit(step: Step) -> None:
+        f = step.f
+        for i, state in enumerate(line.states):
+            first = step.value(line.starts[i])
+            base = f.at("%memory", layout.memory_offsets[i])
+            with f.loop(0, state.latency) as slot:
+                f.store(first, base, slot)
+            if state.latency > 1:
+                f.store("0", "%hints", i, "i64")
+
+    return Item(tuple(line.starts), emit)
+
+
+def _entry_count(f: Function, row: str) -> str:
+    """How many entries a sample has."""
+    return f.new(f"sext i32 {f.load('%count', row, 'i32')} to i64")

@@ -1,0 +1,97 @@
+"""What a calibration must keep besides bounds and locks: shapes of tables, equalities, and limits of outputs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from kennfeld.errors import ArgumentError
+
+__all__ = ["Equality", "Limit", "Pin", "Shape", "Term"]
+
+UNBOUNDED = float("inf")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Bounds that an output shall keep at every scored sample of the training data: `lower <= node <= upper`.
+
+    `node` is a node or an expression over nodes, inputs and channels; `where` a condition over inputs and channels, not
+    0 where the limit counts.
+
+    >>> Limit("abs(n_set - n)", upper=50.0, where="t_since_step > 1").upper
+    50.0
+    """
+
+    node: str
+    lower: float = -UNBOUNDED
+    upper: float = UNBOUNDED
+    where: str = ""
+
+    def __post_init__(self) -> None:
+        _ordered(f"limit of {self.node}", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Pin:
+    """An equality: the parameter's interpolated value at these coordinates is `value`."""
+
+    parameter: str
+    at: tuple[float, ...]
+    value: float
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Limits of a table's slope or curvature along one axis, at every grid point.
+
+    `slope` is dz/dx between neighbours, in units of z per unit of x: from 0 on is monotonic. `curvature` is
+    d2z/dx2 between three neighbours: from 0 on is convex.
+
+    >>> Shape("MapX", 0, "slope", lower=0.0)
+    Shape(parameter='MapX', axis=0, kind='slope', lower=0.0, upper=inf)
+    """
+
+    parameter: str
+    axis: int
+    kind: Literal["slope", "curvature"]
+    lower: float = -UNBOUNDED
+    upper: float = UNBOUNDED
+
+    def __post_init__(self) -> None:
+        _ordered(f"{self.kind} of {self.parameter}", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A parameter's interpolated value at coordinates, times a factor; without coordinates the sum of all values."""
+
+    parameter: str
+    at: tuple[float, ...] | None = None
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class Equality:
+    """The sum of the terms is `value`: two values that shall be equal, or several that shall sum to a number."""
+
+    terms: tuple[Term, ...]
+    value: float = 0.0
+
+    def __init__(self, terms: Sequence[Term], value: float = 0.0) -> None:
+        if not terms:
+            raise ArgumentError("an equality needs at least one term")
+        object.__setattr__(self, "terms", tuple(terms))
+        object.__setattr__(self, "value", float(value))
+
+    def __str__(self) -> str:
+        return f"{' + '.join(map(_written, self.terms))} = {self.value:g}"
+
+
+def _written(term: Term) -> str:
+    name = f"sum({term.parameter})" if term.at is None else f"{term.parameter}({', '.join(f'{x:g}' for x in term.at)})"
+    return name if term.factor == 1 else f"{term.factor:g} {name}"
+
+
+def _ordered(what: str, lower: float, upper: float) -> None:
+    if not lower <= upper:
+        raise ArgumentError(f"{what}: {lower:g} .. {upper:g} is no range, the first must not exceed the second")

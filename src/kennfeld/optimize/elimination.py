@@ -1,0 +1,103 @@
+"""Which breakpoints of a dense axis matter: backward elimination in a quadratic model of the cost.
+
+A breakpoint is removed by making every line of its tables straight there, a linear equality between values. In the
+quadratic model the least increase of the cost under A z = 0 is (A z)' (A C A')^-1 (A z), where C is the inverse of its
+matrix, and both z and C under the equality follow in closed form. So the cheapest breakpoint goes, again and again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+
+__all__ = ["Dense", "eliminated"]
+
+ROUNDING = 1e-12  # of the largest variance, so that lines that cannot bend differently divide nothing by zero
+
+
+@dataclass(frozen=True)
+class Dense:
+    """An axis with more breakpoints than wanted.
+
+    `columns` are the values at each breakpoint, those of one line of a table in one column of the array. `stays` marks
+    the breakpoints that must not be removed.
+    """
+
+    points: Float  # Float[points]
+    columns: Int  # Int[points, lines]
+    stays: Bool  # Bool[points]
+    wanted: int
+
+
+def eliminated(axes: Sequence[Dense], values: Float, inverse: Float) -> tuple[list[Int], Float]:
+    """Breakpoints of each axis that are left, as many as wanted, and the values that are best with them.
+
+    `inverse` is the inverse of the model's matrix at its minimum `values`, 0 for values that cannot move.
+
+    >>> hat = Dense(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 3)
+    >>> left, values = eliminated([hat], np.array([0.0, 1.0, 2.0, 0.0]), np.eye(4))
+    >>> left[0].tolist(), values.round(6).tolist()
+    ([0, 2, 3], [0.0, 1.0, 2.0, 0.0])
+    """
+    work = _Eliminating(axes, values, inverse)
+    while work.remove():
+        pass
+    return [np.array(kept) for kept in work.kept], work.values
+
+
+class _Eliminating:
+    """Values and their covariance under the equalities so far."""
+
+    def __init__(self, axes: Sequence[Dense], values: Float, inverse: Float) -> None:
+        self.axes = axes
+        self.values = values.copy()
+        self.inverse = inverse.copy()
+        self.kept = [list(range(axis.points.size)) for axis in axes]
+
+    def remove(self) -> bool:
+        """Remove the cheapest breakpoint; False where nothing is left to remove."""
+        candidates = [
+            (*self._cost(which, at), which, at)
+            for which, axis in enumerate(self.axes)
+            if len(self.kept[which]) > axis.wanted
+            for at in range(1, len(self.kept[which]) - 1)
+            if not axis.stays[self.kept[which][at]]
+        ]
+        if not candidates:
+            return False
+        _, _, which, at = min(candidates, key=lambda found: found[:2])
+        self._straighten(*self._rows(which, at))
+        del self.kept[which][at]
+        return True
+
+    def _rows(self, which: int, at: int) -> tuple[Int, Float]:
+        """Columns Int[lines, 3] and coefficients of the equalities that remove a breakpoint."""
+        axis, three = self.axes[which], self.kept[which][at - 1 : at + 2]
+        left, middle, right = axis.points[three]
+        share = (middle - left) / (right - left)
+        return axis.columns[three].T, np.array([share - 1, 1.0, -share])
+
+    def _cost(self, which: int, at: int) -> tuple[float, float]:
+        """Least increase of the cost, and the distance of the neighbours where that is the same."""
+        columns, coefficients = self._rows(which, at)
+        three = self.kept[which][at - 1 : at + 2]
+        apart = float(np.ptp(self.axes[which].points[three]))
+        bend = self.values[columns] @ coefficients
+        blocks = self.inverse[columns[:, None, :, None], columns[None, :, None, :]]
+        spread = np.einsum("abij,i,j->ab", blocks, coefficients, coefficients)
+        return float(bend @ _solved(spread, bend)), apart
+
+    def _straighten(self, columns: Int, coefficients: Float) -> None:
+        """Values and covariance under further equalities."""
+        reach: Float = np.einsum("naj,j->na", self.inverse[:, columns], coefficients)
+        spread = np.einsum("aib,i->ab", reach[columns], coefficients)
+        gain = _solved(spread, reach.T)
+        self.values -= gain.T @ (self.values[columns] @ coefficients)
+        self.inverse -= reach @ gain
+
+
+def _solved(spread: Float, right: Float) -> Float:
+    floor = ROUNDING * float(np.diag(spread).max(initial=0.0)) + 1e-300
+    return np.asarray(np.linalg.solve(spread + floor * np.eye(len(spread)), right), dtype=np.float64)

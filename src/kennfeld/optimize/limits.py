@@ -1,0 +1,133 @@
+"""What the values must keep at every iterate: bounds, and linear rows between values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+
+__all__ = ["Limits", "Rows"]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Linear limits `lower <= A p <= upper`; equal sides make an equality. Each row of A touches few values.
+
+    `names` say in words what each row limits.
+    """
+
+    columns: Int  # Int[rows, width]
+    coefficients: Float  # Float[rows, width]; rows that touch fewer are filled up with zeros
+    lower: Float  # Float[rows]
+    upper: Float  # Float[rows]
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def none(cls) -> "Rows":
+        """No rows."""
+        return cls(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+
+    @classmethod
+    def of(cls, matrix: Float, lower: Float, upper: Float, names: Sequence[str] = ()) -> "Rows":
+        """Rows of a full matrix."""
+        width = int(np.count_nonzero(matrix, axis=1).max(initial=0))
+        columns = np.argsort(matrix == 0, axis=1, kind="stable")[:, :width]
+        return cls(columns, np.take_along_axis(matrix, columns, axis=1), lower, upper, tuple(names))
+
+    @classmethod
+    def together(cls, parts: "Sequence[Rows]") -> "Rows":
+        """Several groups of rows, one after the other."""
+        parts = [part for part in parts if part.count]
+        if not parts:
+            return cls.none()
+        width = max(part.columns.shape[1] for part in parts)
+        pads = [((0, 0), (0, width - part.columns.shape[1])) for part in parts]
+        return cls(
+            np.concatenate([np.pad(part.columns, pad) for part, pad in zip(parts, pads, strict=True)]),
+            np.concatenate([np.pad(part.coefficients, pad) for part, pad in zip(parts, pads, strict=True)]),
+            np.concatenate([part.lower for part in parts]),
+            np.concatenate([part.upper for part in parts]),
+            tuple(name for part in parts for name in part.names),
+        )
+
+    @property
+    def count(self) -> int:
+        """How many rows there are."""
+        return self.lower.size
+
+    @property
+    def equal(self) -> Bool:
+        """Which rows are equalities."""
+        equal: Bool = self.lower == self.upper
+        return equal
+
+    def times(self, values: Float) -> Float:
+        """A p."""
+        product: Float = np.einsum("ij,ij->i", self.coefficients, values[self.columns])
+        return product
+
+    def size(self, values: Float) -> Float:
+        """|A| |p|: the size of what is summed in each row."""
+        product: Float = np.einsum("ij,ij->i", np.abs(self.coefficients), np.abs(values)[self.columns])
+        return product
+
+    def matrix(self, which: Int, values: int) -> Float:
+        """Some rows of A in full, shape (rows, values)."""
+        full = np.zeros((which.size, values))
+        np.add.at(full, (np.arange(which.size)[:, None], self.columns[which]), self.coefficients[which])
+        return full
+
+    def narrowed(self, movable: Int, values: Float) -> "Rows":
+        """The rows as limits of the movable values, the others standing as they are; empty rows fall out."""
+        place = np.full(values.size, -1)
+        place[movable] = np.arange(movable.size)
+        columns = place[self.columns]
+        moves = columns >= 0
+        held = np.einsum("ij,ij->i", np.where(moves, 0.0, self.coefficients), values[self.columns])
+        coefficients = np.where(moves, self.coefficients, 0.0)
+        kept = (coefficients != 0).any(axis=1)
+        columns = np.where(moves, columns, 0)
+        names = tuple(name for name, keep in zip(self.names, kept, strict=False) if keep)
+        return Rows(columns[kept], coefficients[kept], (self.lower - held)[kept], (self.upper - held)[kept], names)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on each value, `lower <= p <= upper`, and linear rows."""
+
+    lower: Float  # Float[values]
+    upper: Float  # Float[values]
+    rows: Rows = field(default_factory=Rows.none)
+
+    @classmethod
+    def none(cls, size: int) -> "Limits":
+        """No limits on `size` values."""
+        return cls(np.full(size, -np.inf), np.full(size, np.inf))
+
+    @property
+    def movable(self) -> Bool:
+        """Which values may change."""
+        return self.lower < self.upper
+
+    def clip(self, values: Float) -> Float:
+        """The values put within their bounds, bit for bit."""
+        clipped: Float = np.clip(values, self.lower, self.upper)
+        return clipped
+
+    def violations(self, values: Float, size: Float) -> Float:
+        """How far each row is missed, relative to its scale for values of this typical size."""
+        rows = self.rows
+        sides = [np.where(np.isfinite(side), np.abs(side), 0.0) for side in (rows.lower, rows.upper)]
+        scale = rows.size(size) + np.maximum(*sides) + 1e-300
+        product = rows.times(values)
+        missed: Float = np.maximum(np.maximum(rows.lower - product, product - rows.upper), 0.0) / scale
+        return missed
+
+    def violation(self, values: Float) -> float:
+        """The largest of the `violations`, for values of the size they have."""
+        return float(np.max(self.violations(values, values), initial=0.0))
+
+    def narrowed(self, movable: Int, values: Float) -> "Limits":
+        """The limits on the movable values, the others standing as they are."""
+        return Limits(self.lower[movable], self.upper[movable], self.rows.narrowed(movable, values))

@@ -1,0 +1,227 @@
+"""Covariance of the fitted values from the last linearisation.
+
+With H = H_data + S, the curvature of the data and of the smoothness, and M the variance of the gradient over
+repetitions of the measurement (M = phi H_data where all samples have one noise), the fitted values scatter with
+
+    scatter = H^-1 M H^-1
+
+That is what repeated measurements would show. It says nothing of what smoothness bends away: a value held by smoothness
+alone hardly scatters and may be wrong all the same. So the error of a value is stated as
+
+    error = H^-1 (M + phi S) H^-1        (= phi H^-1 for one noise)
+
+the covariance for which the smoothness is as right on average as its factor claims (G. Wahba: Bayesian confidence
+intervals for the cross-validated smoothing spline, J. R. Statist. Soc. B 45, 1983; D. Nychka: Bayesian confidence
+intervals for smoothing splines, J. Am. Statist. Assoc. 83, 1988). Without smoothness the two are the same. The noise
+comes from the residuals, with n - trace(H^-1 H_data) degrees of freedom.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.native import Accumulator
+from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.trust.noise import LEAST, Group, rescored
+from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
+from kennfeld.optimize.trust.spectrum import Spectrum, root
+
+__all__ = ["Estimate", "estimate"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is known of the values around the end of a fit.
+
+    Matrices are over the values that can move independently and that data or smoothness inform. `uneven` is
+    M - phi H_data, None where all samples have one noise and it is 0.
+    """
+
+    reduction: Reduction
+    seen: Bool  # Bool[independent]: those that the matrices are over
+    spectrum: Spectrum
+    data: Float  # curvature of the data
+    smoothness: Float  # curvature of the smoothness
+    uneven: Float | None
+    dispersion: float  # phi: variance per unit of cost
+    variances: tuple[float, ...]  # of psi, for each group
+
+    @cached_property
+    def error(self) -> Float:
+        """Covariance of the values' errors, the smoothness being as wrong as its factor claims."""
+        inverse = self.spectrum.inverse
+        found: Float = self.dispersion * inverse
+        return found if self.uneven is None else found + inverse @ self.uneven @ inverse
+
+    @cached_property
+    def scatter(self) -> Float:
+        """Covariance of the values over repeated measurements."""
+        found: Float = self.spectrum.inverse @ self._noisy @ self.spectrum.inverse
+        return found
+
+    @property
+    def _noisy(self) -> Float:
+        """The variance of the gradient, M."""
+        found: Float = self.dispersion * self.data
+        return found if self.uneven is None else found + self.uneven
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom that the fit used up, trace(H^-1 H_data)."""
+        return float(np.sum(self.spectrum.inverse * self.data))
+
+    def expand(self, changes: Float) -> Float:
+        """Changes of all values, from those the matrices are over, in the last dimension."""
+        independent = np.zeros((*changes.shape[:-1], self.seen.size))
+        independent[..., self.seen] = changes
+        return self.reduction.expand(independent)
+
+    def narrow(self, changes: Float) -> Float:
+        """The part of changes of all values that the matrices are over."""
+        found: Float = changes[..., self.reduction.independent[self.seen]]
+        return found
+
+    @cached_property
+    def undetermined(self) -> Bool:
+        """Which of all values nothing determines: not seen at all, or part of a direction that is not."""
+        basis = self.spectrum.null / self.spectrum.scale[:, None]
+        loose = ~self.seen
+        loose[self.seen] = self.spectrum.loose
+        found = np.zeros(self.reduction.size, dtype=bool)
+        found[self.reduction.independent] = loose
+        follow = self.reduction.follow
+        known = follow[:, self.seen]
+        moved = np.abs(known @ basis) > 1e-4 * (np.abs(known) @ np.abs(basis))
+        found[self.reduction.dependent] = moved.any(axis=1) | (follow[:, ~self.seen] != 0).any(axis=1)
+        return found
+
+    def deviation(self, *, error: bool) -> Float:
+        """Standard deviation of all values, of their error or else of their scatter; inf where undetermined."""
+        follow = self.reduction.follow[:, self.seen]
+        found = np.zeros(self.reduction.size)
+        found[self.reduction.independent[self.seen]] = self._variances(None, error=error)
+        found[self.reduction.dependent] = self._variances(follow, error=error)
+        found[self.undetermined] = np.inf
+        deviation: Float = np.sqrt(np.maximum(found, 0.0))
+        return deviation
+
+    def _variances(self, functions: Float | None, *, error: bool) -> Float:
+        """The variance of linear functions of the values, given as rows; of the values themselves by default."""
+        inverse = self.spectrum.inverse
+        rows = inverse if functions is None else functions @ inverse
+        matrix = self.uneven if error else self._noisy
+        found: Float = np.zeros(len(rows)) if matrix is None else np.einsum("ij,ij->i", rows @ matrix, rows)
+        if error:
+            own = np.diag(inverse) if functions is None else np.einsum("ij,ij->i", rows, functions)
+            found = found + self.dispersion * own
+        return found
+
+    def covariance(self, *, scatter: bool) -> Float:
+        """Covariance of all values: of their error, or of their scatter."""
+        size = self.seen.size
+        independent = np.zeros((size, size))
+        independent[np.ix_(self.seen, self.seen)] = self.scatter if scatter else self.error
+        found: Float = self.reduction.expand(self.reduction.expand(independent).T)
+        return found
+
+    def covariance_of(self, functions: Float) -> Float:
+        """Covariance of the errors of linear functions, given as rows over the values the matrices are over."""
+        rows = functions @ self.spectrum.inverse
+        found: Float = self.dispersion * (rows @ functions.T)
+        return found if self.uneven is None else found + rows @ self.uneven @ rows.T
+
+    def leverage(self) -> Float:
+        """What each of all values takes of the degrees of freedom used: 1 where data alone decide, 0 where they do not.
+
+        The diagonal of R H^-1 R, where R is the symmetric root of H_data in units of its diagonal. It lies between 0
+        and 1 and sums up to trace(H^-1 H_data).
+        """
+        own = np.sqrt(np.diag(self.data))
+        met = np.flatnonzero(own > 0)
+        part = np.ix_(met, met)
+        units = np.outer(own[met], own[met])
+        half = root(self.data[part] / units)
+        parts = np.einsum("ij,ij->i", half @ (self.spectrum.inverse[part] * units), half)
+        found = np.zeros(self.reduction.size)
+        found[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
+        return found
+
+
+def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence[Group]) -> Estimate | None:
+    """The estimate at the values where a fit ended; None where a derivative of the model is not finite there."""
+    measured = _Measured(compiled, values, groups)
+    if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
+        return None
+    rows = active_rows(limits, values)
+    reduction = Reduction.of(held(limits, values, measured.gradient, rows), rows)
+    data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
+    seen = np.diag(data) + np.diag(smoothness) > 0
+    part = np.ix_(seen, seen)
+    data, smoothness = data[part], smoothness[part]
+    if measured.rows is None:
+        spectrum = Spectrum.of_matrix(data + smoothness)
+    else:
+        spectrum = Spectrum.of_rows(reduction.rows(measured.rows)[:, seen])
+    each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts()]
+    used = [float(np.sum(spectrum.inverse * one)) for one in each]
+    variances = _variances(groups, used)
+    shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, variances, strict=True)]
+    dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
+    uneven = None
+    if len(groups) > 1:
+        uneven = np.sum([(share - dispersion) * one for share, one in zip(shares, each, strict=True)], axis=0)
+    return Estimate(reduction, seen, spectrum, data, smoothness, uneven, dispersion, tuple(variances))
+
+
+def _variances(groups: Sequence[Group], effective: Sequence[float]) -> list[float]:
+    """The variance of psi in each group; of all groups of its criterion where it has too few samples of its own."""
+    found = []
+    for group, used in zip(groups, effective, strict=True):
+        own = group.variance(used)
+        if np.isnan(own):
+            members = [(g, e) for g, e in zip(groups, effective, strict=True) if g.criterion == group.criterion]
+            left = sum(g.count - e for g, e in members)
+            own = sum(g.squares for g, _ in members) / left if left >= LEAST else float("nan")
+        found.append(own)
+    return found
+
+
+class _Measured:
+    """Curvatures over all free values, with the slopes of robust losses in place of their weights."""
+
+    def __init__(self, compiled: Compiled, values: Float, groups: Sequence[Group]) -> None:
+        self._compiled, self._groups = compiled, groups
+        self._full = compiled.start.copy()
+        self._full[: values.size] = values
+        objective = SumOfSquares(compiled)
+        self.gradient = objective.normal(values)[0].copy()
+        self.smoothness = np.zeros((values.size, values.size))
+        compiled.roughness.add(values, np.zeros(values.size), self.smoothness)
+        self.rows: Float | None = None
+        accumulator = self._bread()
+        if objective.small:
+            _, jacobian = accumulator.rows(self._full)
+            self.data = jacobian.T @ jacobian
+            self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
+        else:
+            self.data = accumulator.normal(self._full).matrix.copy()
+
+    def _bread(self) -> Accumulator:
+        if all(group.slope == group.weight for group in self._groups):
+            return self._compiled.accumulator
+        return self._rescored({(g.criterion, g.score): g.score * g.slope / g.weight for g in self._groups})
+
+    def _rescored(self, scores: dict[tuple[int, float], float]) -> Accumulator:
+        return Accumulator(self._compiled.kernel, rescored(self._compiled.samples, scores))
+
+    def parts(self) -> list[Float]:
+        """The curvature of each group's data."""
+        return [
+            self._rescored({(g.criterion, g.score): g.score * g.slope / g.weight}).normal(self._full).matrix.copy()
+            for g in self._groups
+        ]

@@ -1,0 +1,143 @@
+"""The end of a fit, from which its trust is computed when somebody asks for it."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.trust.estimate import Estimate, estimate
+from kennfeld.optimize.trust.noise import Group, groups
+from kennfeld.optimize.trust.search import weak_directions
+from kennfeld.optimize.trust.shapes import shapes
+from kennfeld.optimize.trust.trust import Trust
+from kennfeld.optimize.trust.words import Describer, Direction
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["Inspection"]
+
+MOST = 12  # directions that are named
+
+
+class Inspection:
+    """What is needed to tell the trust in the values of a fit.
+
+    `values` are the free ones at the end, `informed` marks those that data or smoothness inform. What was compiled, and
+    the data with it, is kept until the trust is asked for; what is sent to another process is the trust alone.
+    """
+
+    def __init__(
+        self, problem: Problem, values: Float, informed: Mapping[str, Bool], compiled: Compiled, scorer: Scorer
+    ) -> None:
+        self.problem, self.values, self.informed = problem, values, informed
+        self.compiled, self.scorer = compiled, scorer
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"trust": self.trust}
+
+    @cached_property
+    def trust(self) -> Trust:
+        """The trust."""
+        with blas_threads(self.values.size):
+            try:
+                found = self._trust()
+            except np.linalg.LinAlgError:  # a result is never lost over what is said about it
+                found = Trust(informed=self.informed)
+        del self.compiled, self.scorer
+        return found
+
+    def _trust(self) -> Trust:
+        problem, compiled, scorer = self.problem, self.compiled, self.scorer
+        full = compiled.start.copy()
+        full[: self.values.size] = self.values
+        parameters = compiled.values.unpack(full, problem.parameters)
+        fitted = [scorer.errors(bound, parameters) for bound in problem.training]
+        training = groups(problem.criteria, problem.training, fitted)
+        found = estimate(compiled, limits_of(problem, compiled.values), self.values, training)
+        if found is None:
+            return Trust(informed=self.informed)
+        touched = compiled.accumulator.touched(full)
+        deviation = found.deviation(error=True)
+        split = _Split(problem, compiled)
+        known = np.zeros(self.values.size, dtype=bool)
+        for name, columns in split.columns.items():
+            known[columns] = self.informed[name].ravel()
+        return Trust(
+            noise=_by_criterion(problem.criteria, _noises(problem.criteria, training, found.variances)),
+            persistence=_by_criterion(problem.criteria, _persistences(problem.criteria, training)),
+            freedom=found.freedom,
+            informed=self.informed,
+            samples=split(touched),
+            deviation=split(deviation),
+            scatter=split(found.deviation(error=False)),
+            by_smoothness=split((touched == 0) & known & np.isfinite(deviation) & (deviation > 0)),
+            directions=self._directions(found, split, parameters, touched),
+            estimate=found,
+            columns={name: int(columns[0]) for name, columns in split.columns.items()},
+        )
+
+    def _directions(
+        self, found: Estimate, split: "_Split", parameters: ParameterSet, touched: Int
+    ) -> tuple[Direction, ...]:
+        """Values that nothing informs, table by table; then the weak directions of the others."""
+        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(touched))
+        held = split(found.reduction.held)
+        open_values = {name: ~seen & ~held[name] for name, seen in self.informed.items()}
+        idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
+        candidates = shapes(self.problem.model.graph, parameters, held)
+        changes = np.zeros((len(candidates), self.values.size))
+        for row, shape in zip(changes, candidates, strict=True):
+            row[split.columns[shape.table]] = shape.change.ravel()
+        weak = weak_directions(found, candidates, changes, MOST) if found.seen.any() else []
+        told = [
+            words.named(w, split(w.change)) if w.amounts else words.nameless(w, split(w.change), split(w.weight))
+            for w in weak
+            if any(np.any(part) for part in split(w.weight).values())  # else it moves breakpoints alone
+        ]
+        return (*idle, *told)
+
+
+class _Split:
+    """Cuts arrays over all free values into those of the parameters."""
+
+    def __init__(self, problem: Problem, compiled: Compiled) -> None:
+        offsets = compiled.values.offsets
+        self._tables = {name: problem.parameters[name] for name in problem.free_names}
+        self.columns = {name: offsets[name] + np.arange(table.size) for name, table in self._tables.items()}
+
+    def __call__(self, whole: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        return {name: whole[at].reshape(self._tables[name].values.shape) for name, at in self.columns.items()}
+
+
+def _noises(criteria: Sequence[Criterion], training: Sequence[Group], variances: Sequence[float]) -> list[float]:
+    """The noise of each criterion in its target's unit, over all its groups."""
+    found = []
+    for i, criterion in enumerate(criteria):
+        own = [(g, v / g.slope**2) for g, v in zip(training, variances, strict=True) if g.criterion == i]
+        total = sum(group.count for group, _ in own)
+        mean = sum(group.count * variance for group, variance in own) / total if total else float("nan")
+        found.append(criterion.scale * float(np.sqrt(mean)))
+    return found
+
+
+def _persistences(criteria: Sequence[Criterion], training: Sequence[Group]) -> list[float]:
+    found = []
+    for i in range(len(criteria)):
+        own = [group for group in training if group.criterion == i]
+        total = sum(group.count for group in own)
+        found.append(sum(group.count * group.persistence for group in own) / total if total else 1.0)
+    return found
+
+
+def _by_criterion(criteria: Sequence[Criterion], numbers: Sequence[float]) -> dict[str, float]:
+    """By the criterion's node; with its target where two have the same node."""
+    nodes = [criterion.node for criterion in criteria]
+    names = [c.node if nodes.count(c.node) == 1 else f"{c.node} against {c.target}" for c in criteria]
+    return dict(zip(names, numbers, strict=True))

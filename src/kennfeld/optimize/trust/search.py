@@ -1,0 +1,235 @@
+"""Directions that the data determine badly: named ones among few tables first, then whatever else there is.
+
+A direction v is measured by the ratio v'Hv / v'Dv, where D is the diagonal of the data's curvature: what moving along
+it costs, against what the values would cost if each moved alone. A change that the data see well has a ratio near 1.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.optimize.trust.estimate import Estimate
+from kennfeld.optimize.trust.shapes import Shape
+
+__all__ = ["Weak", "weak_directions"]
+
+EXACT = 1e-9  # ratio below which the data do not see a direction at all
+ROUNDING = 1e-12  # ratio below which one direction is no worse than another
+OPEN = 1e-3  # share of a function that undetermined directions change, above rounding
+NEAR = (0.05, 0.05, 1e-3)  # ratio below which a named direction of one, two, three tables is badly determined
+MOVED = 0.2  # the same for a table shifted along what another one tells: but for the breakpoints, they are one thing
+VAGUE = 1e-3  # the same for one without a name, of which there are many
+NAMELESS = 2  # directions without a name that are worth a word
+SOFT = 0.5  # ratio below which the other values of two tables may adapt to a named direction
+ADAPTED = 4  # mixtures of two tables that are tried so
+ALIKE = 0.7  # share of an adapted direction that must still be the named one
+SIMPLER = 30.0  # times the ratio that a direction of one table less may have
+PLAINER = 4.0  # times the ratio that a direction may have that shifts one table less, or lets one less follow another
+NEW = 0.2  # share of a named direction that those found before must not span
+MOSTLY_NEW = 0.8  # the same for one without a name
+MANY = 48  # shapes from which only two are tried together
+
+
+@dataclass(frozen=True)
+class Weak:
+    """A badly determined direction, as a change of all values.
+
+    `weight` is what each value's change does to the data, alone. `amounts` says how much of which shape the direction
+    is; empty for one without a name.
+    """
+
+    change: Float  # Float[values]
+    weight: Float  # Float[values]
+    ratio: float  # of data and smoothness together
+    seen: float  # of the data alone
+    deviation: float  # standard deviation of how far along it the values are, the worse ones given; inf where open
+    amounts: tuple[tuple[Shape, float], ...]
+
+    @property
+    def exact(self) -> bool:
+        """Whether the data say nothing about it."""
+        return self.seen <= EXACT
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A direction over the estimate's values: of shapes in some amounts, or without a name."""
+
+    change: Float
+    ratio: float
+    seen: float
+    shapes: tuple[int, ...] = ()
+    amounts: tuple[float, ...] = ()
+    score: float = 0.0  # least for the direction that says most with fewest words
+
+
+def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float, most: int) -> list[Weak]:
+    """At most so many directions, worst first; `changes` are the shapes as rows over all values."""
+    search = _Search(estimate, shapes, estimate.narrow(changes))
+    found: list[_Trial] = []
+    for trial in sorted(search.named(), key=lambda trial: trial.score):
+        if len(found) < most and search.news(found, trial.change) > NEW:
+            found.append(trial)
+    most = min(most, len(found) + NAMELESS)
+    for trial in search.others(estimate.spectrum.directions):
+        if len(found) < most and search.news(found, trial.change) > MOSTLY_NEW:
+            found.append(trial)
+    found.sort(key=lambda trial: (max(trial.ratio, ROUNDING), not trial.shapes))
+    return [
+        Weak(
+            change=estimate.expand(trial.change),
+            weight=np.abs(estimate.expand(trial.change * search.root)),
+            ratio=trial.ratio,
+            seen=trial.seen,
+            deviation=deviation,
+            amounts=tuple((shapes[i], amount) for i, amount in zip(trial.shapes, trial.amounts, strict=True)),
+        )
+        for trial, deviation in zip(found, search.deviations(found), strict=True)
+    ]
+
+
+class _Search:
+    """Ratios of directions, and the shapes among which to look."""
+
+    def __init__(self, estimate: Estimate, shapes: Sequence[Shape], rows: Float) -> None:
+        self.data, self.total = estimate.data, estimate.data + estimate.smoothness
+        self.diagonal = np.maximum(np.diag(self.data), EXACT * np.diag(self.total))
+        self.root = np.sqrt(self.diagonal)
+        self.covariance = estimate.covariance_of
+        self.null, self.scale = estimate.spectrum.null, estimate.spectrum.scale
+        length = np.sqrt(np.einsum("ij,j,ij->i", rows, self.diagonal, rows))
+        self.numbers: list[int] = np.flatnonzero(length > 0).tolist()
+        self.length = length[self.numbers]
+        self.rows = rows[self.numbers] / self.length[:, None]
+        self.tables = [shapes[i].table for i in self.numbers]
+        self.kinds = [shapes[i].kind for i in self.numbers]
+        self.fed = [shapes[i].fed for i in self.numbers]
+        self.gram, self.whole_gram = (self.rows @ matrix @ self.rows.T for matrix in (self.data, self.total))
+
+    def news(self, known: Sequence[_Trial], change: Float) -> float:
+        """The share of a direction that known ones do not span."""
+        scaled = change * self.root
+        if not known:
+            return 1.0
+        basis, _ = np.linalg.qr(np.stack([trial.change * self.root for trial in known], axis=1))
+        rest = scaled - basis @ (basis.T @ scaled)
+        return float(rest @ rest / (scaled @ scaled))
+
+    def deviations(self, trials: Sequence[_Trial]) -> list[float]:
+        """Standard deviations of how far along each direction the values are, those before it given.
+
+        How far that is, v'D p / v'D v, is a linear function of the values; what the functions before it tell of its
+        variance is taken off by the Cholesky factor of their covariance.
+        """
+        if not trials:
+            return []
+        functions = np.stack([trial.change * self.diagonal for trial in trials])
+        functions /= np.einsum("ij,ij->i", functions, [trial.change for trial in trials])[:, None]
+        open_ones = self._settle(functions)
+        covariance = self.covariance(functions)
+        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        scaled = covariance / np.outer(size, size) + 1e-10 * np.eye(len(trials))
+        if not np.isfinite(scaled).all():
+            return [float("nan")] * len(trials)
+        given: Float = np.where(open_ones, np.inf, np.diag(np.linalg.cholesky(scaled)) * size)
+        return [float(deviation) for deviation in given]
+
+    def _settle(self, functions: Float) -> Bool:
+        """Which functions are not determined at all; they are taken off those that follow, so that these are, in place.
+
+        The functions that are not become 0.
+        """
+        basis = self.null / self.scale[:, None]
+        found = np.zeros(len(functions), dtype=bool)
+        for i, function in enumerate(functions):
+            moved = function @ basis
+            if moved.size and np.abs(moved).max() > OPEN * np.linalg.norm(function / self.scale):
+                found[i] = True
+                at = int(np.abs(moved).argmax())
+                functions[i + 1 :] -= np.outer(functions[i + 1 :] @ basis[:, at] / moved[at], function)
+                functions[i] = 0.0
+        return found
+
+    def others(self, directions: Float) -> Iterator[_Trial]:
+        """Weak directions without a name."""
+        trials = (self._measured(change) for change in directions)
+        return (trial for trial in trials if trial.ratio < VAGUE)
+
+    def named(self) -> Iterator[_Trial]:
+        """Weak directions of one shape, or of two or three shapes of different tables."""
+        for count in range(1, (len(NEAR) if len(self.tables) <= MANY else 2) + 1):
+            nearly: dict[tuple[str, ...], list[_Trial]] = {}
+            for group, weights in self._soft(count):
+                trial = self._mixed(group, weights)
+                if trial.seen <= EXACT or trial.ratio < self._near(group):
+                    yield trial
+                elif count == 2:
+                    nearly.setdefault(tuple(self.tables[i] for i in group), []).append(trial)
+            for names, trials in nearly.items():
+                yield from self._adapted(names, trials)
+
+    def _mixed(self, group: Int, weights: Float) -> _Trial:
+        """A mixture of shapes as they are."""
+        part = np.ix_(group, group)
+        both, data = (float(weights @ gram[part] @ weights) for gram in (self.whole_gram, self.gram))
+        return self._trial(weights @ self.rows[group], both, data, group, weights)
+
+    def _measured(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _Trial:
+        """Any change, perhaps one that began as a mixture of shapes."""
+        alone = float(change @ (self.diagonal * change))
+        both, data = (float(change @ matrix @ change) / alone for matrix in (self.total, self.data))
+        return self._trial(change, both, data, group, np.zeros(0) if weights is None else weights)
+
+    def _trial(self, change: Float, ratio: float, seen: float, group: Sequence[int] | Int, weights: Float) -> _Trial:
+        shapes = tuple(self.numbers[i] for i in group)
+        amounts = tuple(float(weight / self.length[i]) for i, weight in zip(group, weights, strict=True))
+        words = SIMPLER ** len(shapes) * PLAINER ** sum(self.kinds[i] in ("follow", "shift") for i in group)
+        return _Trial(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, max(seen, 1e-3 * EXACT) * words)
+
+    def _near(self, group: Sequence[int] | Int) -> float:
+        """The ratio below which a mixture of shapes is worth naming."""
+        pairs = permutations(group, 2) if len(group) == 2 else ()
+        moved = any(self.kinds[i] == "shift" and self.tables[j] in self.fed[i] and self._raised(j) for i, j in pairs)
+        return MOVED if moved else NEAR[len(group) - 1]
+
+    def _raised(self, shape: int) -> bool:
+        """Whether a shape changes all values of its table by the same."""
+        return self.kinds[shape] == "offset" or np.count_nonzero(self.rows[shape]) == 1
+
+    def _soft(self, count: int) -> Iterator[tuple[Int, Float]]:
+        """For each group of shapes the mixture that the data see least, where they see little of it.
+
+        Shapes of different tables are orthogonal, so the ratios are eigenvalues.
+        """
+        which = combinations(range(len(self.tables)), count)
+        groups = np.array([g for g in which if len({self.tables[i] for i in g}) == count], dtype=np.int64)
+        groups = groups.reshape(-1, count)
+        ratios, vectors = np.linalg.eigh(self.gram[groups[:, :, None], groups[:, None, :]])
+        for k in np.flatnonzero(ratios[:, 0] < (SOFT if count == 2 else NEAR[count - 1])):
+            yield groups[k], vectors[k][:, 0]
+
+    def _adapted(self, names: Sequence[str], trials: Sequence[_Trial]) -> Iterator[_Trial]:
+        """The mixtures that are weak once the other values of these tables have adapted.
+
+        That is the change w that minimises w'Hw among those with the same amount w'D s of each shape s of the mixture.
+        """
+        best = sorted(trials, key=lambda trial: trial.score)[:ADAPTED]
+        groups = [np.searchsorted(self.numbers, trial.shapes) for trial in best]
+        used = np.unique(np.concatenate(groups))
+        where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
+        inner = self.total[np.ix_(where, where)]
+        inner = inner + 1e-12 * np.diag(np.diag(inner))
+        parts = (self.rows[used] * self.diagonal)[:, where]
+        reach = np.linalg.solve(inner, parts.T)
+        for trial, group in zip(best, groups, strict=True):
+            at = np.searchsorted(used, group)
+            weights = np.array(trial.amounts) * self.length[group]
+            change = np.zeros(where.size)
+            change[where] = reach[:, at] @ np.linalg.solve(parts[at] @ reach[:, at], weights)
+            found = self._measured(change, group, weights)
+            alike = float(weights @ weights) / float(change @ (self.diagonal * change))
+            if found.ratio < self._near(group) and alike > ALIKE:
+                yield found

@@ -1,0 +1,118 @@
+"""What an information matrix determines: its inverse, and the directions in which it is small or nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+
+__all__ = ["Spectrum", "root"]
+
+NOTHING = 1e-12  # share of the largest eigenvalue, or singular value, that is rounding
+SOUND = 1e10  # largest variance of a value, in units of that it has alone, up to which an inverse is taken as it is
+PART = 1e-8  # share of a value in undetermined directions, squared, that is not rounding
+WEAKEST = 20  # how many directions are looked at
+ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """The inverse of H, and its weakest directions in units of `scale`, the root of its diagonal.
+
+    `null` are orthonormal directions that H does not determine at all; the inverse is 0 along them.
+    `weak` are the least determined eigenvectors among the others, with their eigenvalues `weakness`.
+    """
+
+    scale: Float  # Float[values]
+    inverse: Float  # Float[values, values], of H itself
+    null: Float  # Float[values, undetermined]
+    weak: Float  # Float[values, directions]
+    weakness: Float  # Float[directions], ascending
+
+    @classmethod
+    def of_matrix(cls, matrix: Float) -> "Spectrum":
+        """Of H itself; by its eigenvalues only where it is nearly singular: they cost five times an inverse."""
+        scale = np.sqrt(np.diag(matrix))
+        scaled = matrix / scale / scale[:, None]
+        inverse = _sound_inverse(scaled)
+        if inverse is None:
+            values, vectors = np.linalg.eigh(scaled)
+            return cls._of(scale, values, vectors, int(np.sum(values <= NOTHING * values[-1:])))
+        weakness, weak = _weakest(inverse)
+        return cls(scale, inverse / scale / scale[:, None], np.zeros((scale.size, 0)), weak, weakness)
+
+    @classmethod
+    def of_rows(cls, rows: Float) -> "Spectrum":
+        """Of H = J'J, from J: it keeps the digits that the product squares away."""
+        scale = np.sqrt(np.einsum("ij,ij->j", rows, rows))
+        triangle = np.linalg.qr(rows / scale, mode="r")
+        missing = max(scale.size - len(triangle), 0)
+        _, singular, turned = np.linalg.svd(np.vstack([triangle, np.zeros((missing, scale.size))]))
+        null = int(np.sum(singular <= NOTHING * singular[:1]))
+        return cls._of(scale, singular[::-1] ** 2, turned[::-1].T, null)
+
+    @classmethod
+    def _of(cls, scale: Float, values: Float, vectors: Float, null: int) -> "Spectrum":
+        kept = vectors[:, null:] / scale[:, None]
+        inverse = (kept / values[null:]) @ kept.T
+        weak = slice(null, null + WEAKEST)
+        return cls(scale, inverse, vectors[:, :null], vectors[:, weak], values[weak])
+
+    @property
+    def loose(self) -> Bool:
+        """Values that take part in an undetermined direction."""
+        found: Bool = np.sum(self.null**2, axis=1) > PART
+        return found
+
+    @property
+    def directions(self) -> Float:
+        """The least determined directions, in units of the values, worst first; shape (directions, values).
+
+        Those that nothing determines come as a basis in which each touches few values.
+        """
+        found: Float = np.vstack([_local(self.null.T), self.weak.T]) / self.scale
+        return found
+
+
+def _sound_inverse(matrix: Float) -> Float | None:
+    """The inverse of a symmetric matrix with a diagonal of ones, None where it may be singular."""
+    try:
+        np.linalg.cholesky(matrix)
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    sound = bool(np.all(np.abs(np.diag(inverse)) < SOUND))  # False for NaN, too
+    return 0.5 * (inverse + inverse.T) if sound else None
+
+
+def _weakest(inverse: Float) -> tuple[Float, Float]:
+    """The smallest eigenvalues of a matrix and their eigenvectors, by subspace iteration with its inverse."""
+    count = min(WEAKEST, len(inverse))
+    basis = np.random.default_rng(0).standard_normal((len(inverse), count))
+    for _ in range(ROUNDS):
+        basis, _ = np.linalg.qr(inverse @ basis)
+    largest, turned = np.linalg.eigh(basis.T @ inverse @ basis)
+    return 1 / largest[::-1], basis @ turned[:, ::-1]
+
+
+def _local(basis: Float) -> Float:
+    """Rows that span the same space, each the only one with a part in some value of its own."""
+    found = basis.copy()
+    left = np.ones(len(found), dtype=bool)
+    for _ in range(len(found)):
+        size = np.abs(found) * left[:, None]
+        row, column = np.unravel_index(int(size.argmax()), size.shape)
+        found[row] /= found[row, column]
+        others = np.arange(len(found)) != row
+        found[others] -= np.outer(found[others, column], found[row])
+        left[row] = False
+    found[np.abs(found) < PART] = 0.0
+    found /= np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+    return found
+
+
+def root(matrix: Float) -> Float:
+    """The symmetric square root of a positive semidefinite matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    found: Float = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return found

@@ -1,0 +1,79 @@
+"""`[[step]]` of a project file."""
+
+from typing import Any
+
+from kennfeld.project.schema import DIRECTIONS, Lock, StepEntry
+from kennfeld.project.section import Section
+from kennfeld.project.table_sections import read_lock
+
+__all__ = ["steps"]
+
+
+def steps(root: Section) -> tuple[StepEntry, ...]:
+    """The steps of a sequence."""
+    return tuple(_step(section) for section in root.sections("step"))
+
+
+def _step(section: Section) -> StepEntry:
+    continuation = section.choice("continuation", "", ("auto", "off"))
+    entry = StepEntry(
+        place=section.place,
+        name=section.text("name"),
+        free=section.texts("free") if section.has("free") else None,
+        lock=_locks(section),
+        smoothness=_by_axis(section, "smoothness", whole=False),
+        grid_reduction=_by_axis(section, "grid_reduction", whole=True),
+        criteria=_criteria(section),
+        max_iterations=section.whole("max_iterations", 0, 1) or None,
+        tolerance=section.number("tolerance", 0.0, 0.0, above=True) or None,
+        continuation="auto" if continuation == "auto" else "off" if continuation == "off" else None,
+    )
+    section.end()
+    return entry
+
+
+def _locks(section: Section) -> dict[str, Lock]:
+    """Locks by parameter."""
+    if not section.has("lock"):
+        return {}
+    inner = section.inner("lock")
+    return {name: read_lock(inner, name) for name in inner.values} if inner else {}
+
+
+def _by_axis(section: Section, key: str, *, whole: bool) -> float | dict[str, float | dict[str, float]] | None:
+    """A number for all tables, or by parameter a number, or one an axis."""
+    given = section.get(key)
+    if given is None:
+        return None
+    if not isinstance(given, dict):
+        return _number(section, key, whole=whole)
+    inner = Section(given, f"{section.place} {key}", section.findings)
+    found: dict[str, float | dict[str, float]] = {}
+    for name, value in given.items():
+        if isinstance(value, dict):
+            axes = Section(value, f"{inner.place} {name}", section.findings)
+            found[name] = {axis: _number(axes, axis, whole=whole) for axis in DIRECTIONS if axes.has(axis)}
+            axes.end()
+        else:
+            found[name] = _number(inner, name, whole=whole)
+    return found
+
+
+def _number(section: Section, key: str, *, whole: bool) -> float:
+    return section.whole(key, 1, 1) if whole else section.number(key, 0.0, 0.0)
+
+
+def _criteria(section: Section) -> tuple[str | int, ...] | dict[str | int, float] | None:
+    """Nodes or numbers of criteria, or their weights by node."""
+    given: Any = section.get("criteria")
+    if given is None:
+        return None
+    if isinstance(given, dict):
+        inner = Section(given, f"{section.place} criteria", section.findings)
+        return {(int(name) if name.isdecimal() else name): inner.number(name, 0.0, 0.0) for name in given}
+    listed = given if isinstance(given, list) else [given]
+    if all(isinstance(one, str | int) and not isinstance(one, bool) for one in listed):
+        return tuple(listed)
+    mend = 'Write criteria = ["node", 2] or criteria = { node = 1.0 }.'
+    section.report("criteria", f"{given!r} names no criteria", mend)
+    return None

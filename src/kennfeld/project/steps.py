@@ -1,0 +1,106 @@
+"""The steps of a project: names found among its parameters and criteria, locks as masks of grid points."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Bool
+from kennfeld.errors import Finding
+from kennfeld.optimize import Problem, Step
+from kennfeld.optimize.step import unusable
+from kennfeld.parameters import Parameter
+from kennfeld.project.locking import lacking_axes, untouched, within
+from kennfeld.project.schema import DIRECTIONS, Lock, ProjectFile, StepEntry
+
+__all__ = ["build_steps"]
+
+
+def build_steps(file: ProjectFile, problem: Problem, findings: list[Finding]) -> tuple[Step, ...]:
+    """The steps of a project file, and findings about them."""
+    made = [_Building(entry, problem, findings).step() for entry in file.steps]
+    for number, entry in enumerate(file.steps, 1):
+        mine = unusable(problem, [made[number - 1]])
+        findings += [replace(finding, place=finding.place.replace("step 1", entry.place, 1)) for finding in mine]
+    if made and made[-1].reduces:
+        what = "the sequence ends on a coarse grid: what lies between its points is interpolated"
+        mend = "Add a [[step]] without grid_reduction."
+        findings.append(Finding(file.steps[-1].place, what, mend, severity="warning"))
+    return tuple(made)
+
+
+class _Building:
+    """One step on its way from the project file."""
+
+    def __init__(self, entry: StepEntry, problem: Problem, findings: list[Finding]) -> None:
+        self.entry, self.problem, self.findings = entry, problem, findings
+
+    def step(self) -> Step:
+        entry = self.entry
+        return Step(
+            name=entry.name,
+            free=entry.free,
+            lock=self._masks(entry.lock or {}),
+            smoothness=self._by_axis("smoothness", entry.smoothness, 0.0),
+            grid_reduction=self._by_axis("grid_reduction", entry.grid_reduction, 1) or 1,
+            criteria=entry.criteria,
+            max_iterations=entry.max_iterations,
+            tolerance=entry.tolerance,
+            continuation=entry.continuation,
+        )
+
+    def _report(self, key: str, what: str, mend: str = "") -> None:
+        self.findings.append(Finding(f"{self.entry.place} {key}", what, mend))
+
+    def _matched(self, pattern: str) -> list[Parameter]:
+        return [p for name, p in self.problem.parameters.items() if name == pattern or fnmatchcase(name, pattern)]
+
+    def _masks(self, locks: Mapping[str, Lock]) -> dict[str, Any]:
+        """Masks by parameter; a pattern without a match stays, to be found with the others."""
+        masks: dict[str, Any] = {}
+        for pattern, lock in locks.items():
+            found = self._matched(pattern)
+            masks |= {p.name: self._mask(p, lock) for p in found} if found else {pattern: False}
+        return masks
+
+    def _mask(self, table: Parameter, lock: Lock) -> bool | Bool:
+        if isinstance(lock, bool):
+            return lock
+        if lock == "no-data":
+            looked_up = table.name in self.problem.model.graph.parameters
+            return untouched(self.problem, [table.name])[table.name] if looked_up else False
+        held = np.zeros(table.values.shape, dtype=bool)
+        for part in lock:
+            beyond = lacking_axes(table, part)
+            if beyond:
+                self._report(f"lock {table.name}", f"{table.name} has no axis {beyond[0]}")
+            else:
+                held |= within(table, part)
+        return held
+
+    def _by_axis(self, key: str, given: Any, default: float) -> Any:
+        """A number for all tables, or by parameter a number or one an axis, in their order."""
+        if not isinstance(given, Mapping):
+            return given
+        made: dict[str, Any] = {}
+        for pattern, one in given.items():
+            found = self._matched(pattern) if isinstance(one, Mapping) else []
+            made |= (
+                {p.name: self._an_axis_each(key, p, one, default, p.name == pattern) for p in found}
+                if found
+                else {pattern: one}
+            )
+        return {name: default if isinstance(one, Mapping) else one for name, one in made.items()}
+
+    def _an_axis_each(
+        self, key: str, table: Parameter, given: Mapping[str, float], default: float, exactly: bool
+    ) -> tuple[Any, ...]:
+        """One an axis; a pattern may name axes that some of its tables do not have."""
+        known = DIRECTIONS[: len(table.axes)]
+        for direction in given if exactly else ():
+            if direction not in known:
+                what = f"{table.name} has no axis {direction}"
+                self._report(f"{key} {table.name}", what, f"It has {', '.join(known) or 'none'}.")
+        return tuple(given.get(direction, default) for direction in known)

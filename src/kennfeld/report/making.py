@@ -1,0 +1,54 @@
+"""From a project and its result to the file that is handed on."""
+
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from kennfeld.errors import Finding
+from kennfeld.optimize import Result
+from kennfeld.project import Project
+from kennfeld.report.markup import element
+from kennfeld.report.page import page
+from kennfeld.report.stored import stored
+from kennfeld.report.stored_trust import stored_trust
+from kennfeld.report.subject import subject
+
+__all__ = ["document", "from_folder", "safely"]
+
+
+def document(project: Project, result: Result | None = None, findings: Sequence[Finding] = ()) -> str:
+    """The report on a result as the text of one HTML file; without a result, on the start as given.
+
+    Args:
+        project: what was calibrated.
+        result: what came of it.
+        findings: the messages of `project.check()`, which the report repeats.
+
+    Raises `InputError` where the project has no problem to compute.
+
+    >>> import kennfeld as kf
+    >>> project = kf.Project.read("kennfeld.toml")  # doctest: +SKIP
+    >>> text = document(project, project.calibrate(), project.check())  # doctest: +SKIP
+    """
+    return page(subject(project, result, findings))
+
+
+def from_folder(project: Project, folder: str | Path) -> str:
+    """The report on the result that an earlier run left in a folder; on the start where there is none.
+
+    Raises `InputError` where a file of the result is missing or damaged, and where the project has errors.
+    """
+    findings = project.check()
+    result = stored(Path(folder), project.problem())
+    trust = None if result is None else stored_trust(Path(folder), result.parameters)
+    return page(subject(project, result, findings, trust))
+
+
+def safely(project: Project, result: Result, findings: Sequence[Finding] = ()) -> str:
+    """The report on a result; where it cannot be made, a page that says so, because the result must not be lost."""
+    try:
+        return document(project, result, findings)
+    except Exception:
+        sentence = "This report could not be made; the other files of the result are complete. Please report this:"
+        said = element("body", element("p", sentence), element("pre", traceback.format_exc()))
+        return "<!doctype html>\n" + element("html", element("head", element("meta", charset="utf-8")), said)

@@ -1,0 +1,96 @@
+"""The result of an earlier run, read back from its folder."""
+
+import csv
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from kennfeld.calfiles import read as read_parameters
+from kennfeld.errors import Finding, InputError
+from kennfeld.optimize import Problem, Quality, Result, Seconds, TraceLine
+from kennfeld.parameters import ParameterSet
+
+__all__ = ["stored"]
+
+AGAIN = "Run kennfeld calibrate again."
+_NUMBER = float("nan")
+
+
+def stored(folder: Path, problem: Problem) -> Result | None:
+    """The result in a folder; None where no run has left one.
+
+    Raises `InputError` where a file is missing, damaged or about another function, every such file at once.
+    """
+    paths = {name: folder / name for name in ("result.json", "parameters.json", "trace.csv")}
+    if not any(path.is_file() for path in paths.values()):
+        return None
+    missing = [
+        Finding(str(path), "there is no such file, but others of a run are there", AGAIN)
+        for path in paths.values()
+        if not path.is_file()
+    ]
+    if missing:
+        raise InputError(missing)
+    parameters = _parameters(paths["parameters.json"], problem)
+    trace = _trace(paths["trace.csv"])
+    try:
+        found = json.loads(paths["result.json"].read_text(encoding="utf-8"))
+        return _result(found, problem.parameters, parameters, trace)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        what = f"is no result of a run ({type(error).__name__}: {error})"
+        raise InputError.of(str(paths["result.json"]), what, AGAIN) from None
+
+
+def _parameters(path: Path, problem: Problem) -> ParameterSet:
+    """The project's parameters with the values of the run; bounds and locks stay those of the project."""
+    given = read_parameters(path)
+    wrong, taken = [], []
+    for name, count in problem.model.graph.parameters.items():
+        own = problem.parameters[name]
+        if name not in given:
+            wrong.append(Finding(str(path), f"there is no parameter {name}, which the function looks up", AGAIN))
+        elif len(given[name].index_axes) != count:
+            has = len(given[name].index_axes)
+            wrong.append(Finding(str(path), f"{name} has {has} axes, but the function gives it {count}", AGAIN))
+        elif given[name].values.shape != own.values.shape:
+            spread = {"lower": own.lower.min(), "upper": own.upper.max(), "locked": own.locked.all()}
+            taken.append(given[name].changed(extrapolation=own.extrapolation, **spread))
+        else:
+            taken.append(own.changed(values=given[name].values, axes=given[name].axes))
+    if wrong:
+        raise InputError(wrong)
+    return problem.parameters.merged(ParameterSet(taken))
+
+
+def _result(found: Any, start: ParameterSet, parameters: ParameterSet, trace: tuple[TraceLine, ...]) -> Result:
+    rows = [Quality(**{field.name: _known(row[field.name]) for field in fields(Quality)}) for row in found["quality"]]
+    return Result(
+        status=found["status"],
+        message=found["message"],
+        parameters=parameters,
+        start=start,
+        quality=tuple(rows),
+        trace=trace,
+        iterations=found["iterations"],
+        evaluations=found["evaluations"],
+        cost_before=_known(found["cost"]["before"]),
+        cost_after=_known(found["cost"]["after"]),
+        free_values=found["values"]["free"],
+        fixed_values=found["values"]["fixed"],
+        seconds=Seconds(**{field.name: found["seconds"].get(field.name, 0.0) for field in fields(Seconds)}),
+    )
+
+
+def _known(value: Any) -> Any:
+    return _NUMBER if value is None else value
+
+
+def _trace(path: Path) -> tuple[TraceLine, ...]:
+    kinds = {field.name: field.type for field in fields(TraceLine)}
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    try:
+        return tuple(TraceLine(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in rows)  # type: ignore[operator]
+    except (ValueError, KeyError, TypeError):
+        raise InputError.of(str(path), "is no trace of a run", AGAIN) from None

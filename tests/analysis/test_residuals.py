@@ -1,0 +1,244 @@
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar, formula
+from kennfeld.analysis import residuals
+from kennfeld.analysis.cells import tally
+from kennfeld.analysis.leverage import sample_leverage
+from kennfeld.analysis.lookups import Lookups, coordinates
+from kennfeld.analysis.series import Evaluator
+from kennfeld.optimize import Problem
+
+
+def problem_of(text, parameters, *datasets, criteria=(("y", "t"),)):
+    return Problem(
+        formula(text, parameters=[p.name for p in parameters]),
+        datasets,
+        ParameterSet(parameters),
+        tuple(Criterion(node, target) for node, target in criteria),
+    )
+
+
+def scattered(count=400, seed=0, **attributes):
+    rng = np.random.default_rng(seed)
+    x, z = rng.uniform(-1, 11, count), rng.uniform(0, 5, count)
+    return Dataset.of("d", {"x": x, "z": z, "t": rng.normal(size=count) + x}, units={"t": "Nm"}, **attributes)
+
+
+def test_errors_are_model_minus_measurement():
+    data = Dataset.of("d", {"x": [1.0, 2.0, 3.0], "t": [2.0, np.nan, 0.0]}, units={"t": "Nm"})
+    line = Curve("Line", [0, 4], [0, 4.0])
+    (found,) = residuals(problem_of("y = Line(x)", [line], data), ParameterSet([line]))
+    (errors,) = found.errors
+    np.testing.assert_array_equal(errors.absolute, [-1.0, np.nan, 3.0])
+    np.testing.assert_array_equal(errors.relative, [-0.5, np.nan, np.nan])
+    np.testing.assert_allclose(errors.scaled, np.array([-1.0, np.nan, 3.0]) / np.sqrt(5.0))
+    assert (found.scaling, found.unit) == ("standardised", "Nm")
+    assert [(w.sample, w.error, w.inputs) for w in found.worst] == [(2, 3.0, {"x": 3.0}), (0, -1.0, {"x": 1.0})]
+
+
+def test_the_summary_counts_scored_samples_alone():
+    data = scattered(scored=np.arange(400) % 2 == 0)
+    curve = Curve("C", [0, 10], [0.0, 10.0])
+    (found,) = residuals(problem_of("y = C(x) + 0*z", [curve], data), ParameterSet([curve]))
+    (row,) = found.summaries
+    error = (np.clip(data["x"].values, 0, 10) - data["t"].values)[::2]
+    assert row.samples == 200
+    assert row.mean == pytest.approx(error.mean())
+    assert row.rmse == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert row.largest == pytest.approx(np.abs(error).max())
+    assert row.percentile_95 == pytest.approx(np.quantile(np.abs(error), 0.95))
+    target = data["t"].values[::2]
+    assert row.r2 == pytest.approx(1 - np.mean(error**2) / target.var())
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 1000), st.integers(2, 5), st.integers(1, 4))
+def test_cells_hold_every_known_sample_once(seed, rows, columns):
+    data = scattered(150, seed)
+    table = Map("M", np.linspace(0, 10, rows), np.linspace(1, 4, columns), np.zeros((rows, columns)))
+    problem = problem_of("y = M(x, z)", [table], data)
+    (found,) = residuals(problem, problem.parameters)
+    (cells,) = found.cells
+    assert cells.samples.shape == (max(rows - 1, 1), max(columns - 1, 1))
+    assert cells.samples.sum() == 150
+    np.testing.assert_allclose(np.nansum(cells.samples * cells.mean), found.errors[0].absolute.sum())
+    np.testing.assert_allclose(np.nansum(cells.samples * cells.rmse**2), np.sum(found.errors[0].absolute ** 2))
+    assert np.isnan(cells.mean[cells.samples == 0]).all()
+
+
+def test_a_cell_lies_between_its_breakpoints():
+    data = Dataset.of("d", {"x": [-5.0, 0.0, 9.9, 10.0, 20.0, 99.0], "t": np.arange(6.0)})
+    curve = Curve("C", [0, 10, 20], [0.0, 0.0, 0.0])
+    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert found.cells[0].samples.tolist() == [3, 3]
+    assert found.cells[0].mean.tolist() == [-1.0, -4.0]
+
+
+def test_cells_belong_to_the_criteria_that_the_table_changes():
+    data = Dataset.of("d", {"x": [1.0, 2.0], "t": [1.0, 2.0]})
+    tables = [Curve("A", [0, 10], [0.0, 0.0]), Curve("B", [0, 10], [0.0, 0.0])]
+    problem = problem_of("y = A(x)\nz = y + B(x)", tables, data, criteria=(("y", "t"), ("z", "t")))
+    first, second = residuals(problem, problem.parameters)
+    assert [c.parameter for c in first.cells] == ["A"]
+    assert sorted(c.parameter for c in second.cells) == ["A", "B"]
+
+
+def test_coordinates_that_a_parameter_moves_are_followed():
+    data = Dataset.of("d", {"x": [1.0, 2.0, 3.0], "t": [0.0, 0.0, 0.0]})
+    tables = [Scalar("K", 10.0), Curve("C", [0, 15, 25, 40], [0.0] * 4)]
+    problem = problem_of("y = C(K * x)", tables, data)
+    for computed in (True, False):
+        evaluator = Evaluator(problem, coordinates(problem))
+        series = evaluator.series(problem.parameters)
+        lookups = Lookups(problem, problem.parameters, evaluator.values if computed else ())
+        (found,) = residuals(problem, problem.parameters, series=series, lookups=lookups)
+        assert found.cells[0].samples.tolist() == [1, 1, 1]
+        assert tally(lookups, problem.parameters, series).touching["C"].tolist() == [1, 2, 2, 1]
+
+
+def test_grid_points_count_the_training_samples_that_give_them_a_weight():
+    training = Dataset.of("a", {"x": [10.0, 12.0, np.nan, 14.0], "t": [1.0, 1.0, 1.0, np.nan]})
+    test = Dataset.of("b", {"x": [25.0], "t": [0.0]}, use="test")
+    curve = Curve("C", [0, 10, 20, 30], [0.0] * 4)
+    problem = problem_of("y = C(x)", [curve], training, test)
+    series = Evaluator(problem).series(problem.parameters)
+    assert tally(Lookups(problem, problem.parameters), problem.parameters, series).touching["C"].tolist() == [
+        0,
+        2,
+        1,
+        0,
+    ]
+
+
+def test_many_samples_are_taken_block_by_block(monkeypatch):
+    data = scattered(1000)
+    table = Cube("M", [[0, 5, 10], [0, 2, 5], [0, 1]], np.zeros((3, 3, 2)))
+    problem = problem_of("y = M(x, z, sin(x))", [table], data)
+    (whole,) = residuals(problem, problem.parameters)
+    monkeypatch.setattr("kennfeld.analysis.lookups.BLOCK", 64)
+    (parts,) = residuals(problem, problem.parameters)
+    np.testing.assert_array_equal(parts.cells[0].samples, whole.cells[0].samples)
+    np.testing.assert_allclose(parts.cells[0].mean, whole.cells[0].mean)
+
+
+@dataclass
+class Trust:
+    leverage: dict = field(default_factory=dict)
+
+
+def hats(x, points):
+    return np.array([np.interp(x, points, row) for row in np.eye(len(points))]).T
+
+
+class TestStudentized:
+    points = np.linspace(0.0, 10.0, 6)
+
+    def leverage(self, x):
+        """Of the grid points, for a table alone: the diagonal of X'X (X'X)^+."""
+        matrix = hats(x, self.points).T @ hats(x, self.points)
+        return np.diag(matrix @ np.linalg.pinv(matrix))
+
+    def test_agrees_with_the_hat_matrix_for_samples_on_the_grid_points(self):
+        rng = np.random.default_rng(0)
+        x = rng.choice(self.points, 40)
+        data = Dataset.of("d", {"x": x, "t": rng.normal(size=40)})
+        values, *_ = np.linalg.lstsq(hats(x, self.points), data["t"].values, rcond=None)
+        curve = Curve("C", self.points, values)
+        problem = problem_of("y = C(x)", [curve], data)
+        (found,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
+        rows = hats(x, self.points)
+        hat = np.diag(rows @ np.linalg.pinv(rows))
+        error = rows @ values - data["t"].values
+        deviation = np.sqrt(np.sum(error**2) / (40 - hat.sum()))
+        inner = hat < 1 - 1e-9
+        np.testing.assert_allclose(
+            found.errors[0].scaled[inner], (error / deviation / np.sqrt(1 - hat))[inner], rtol=1e-9
+        )
+        assert found.scaling == "studentized"
+        assert found.deviation == pytest.approx(deviation)
+
+    @settings(deadline=None, max_examples=20)
+    @given(st.integers(0, 1000))
+    def test_leverage_adds_up_to_what_the_data_determine(self, seed):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(0, 10, 200)
+        data = Dataset.of("d", {"x": x, "t": rng.normal(size=200)})
+        problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data)
+        series = Evaluator(problem).series(problem.parameters)
+        found = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": self.leverage(x)})
+        assert found[0].sum() == pytest.approx(self.leverage(x).sum())
+        assert ((found[0] >= 0) & (found[0] < 1)).all()
+
+    def test_a_sample_that_decides_a_value_alone_has_no_error_to_judge(self):
+        x = np.r_[np.full(30, 2.0), 8.0]
+        data = Dataset.of("d", {"x": x, "t": np.r_[np.tile([1.0, -1.0], 15), 5.0]})
+        curve = Curve("C", self.points, [0, 0, 0, 0, 5.0, 0])
+        problem = problem_of("y = C(x)", [curve], data)
+        (found,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
+        assert abs(found.errors[0].scaled[30]) < 1e-6
+
+    def test_test_samples_had_no_part_in_the_fit(self):
+        data = scattered()
+        problem = problem_of(
+            "y = C(x) + 0*z", [Curve("C", self.points, np.zeros(6))], data, replace(data, name="e", use="test")
+        )
+        (found,) = residuals(problem, problem.parameters, trust=Trust({"C": np.ones(6)}))
+        training, test = found.errors
+        np.testing.assert_allclose(test.scaled, test.absolute / found.deviation)
+        assert (np.abs(training.scaled) > np.abs(test.scaled)).all()
+
+
+def test_a_target_may_be_a_node_or_a_number():
+    data = Dataset.of("d", {"x": [1.0, 2.0]})
+    problem = problem_of("y = K * x\nz = x^2", [Scalar("K", 3.0)], data, criteria=(("y", "z"), ("y", 4.0)))
+    against_node, against_number = residuals(problem, problem.parameters)
+    assert [w.measured for w in sorted(against_node.worst, key=lambda w: w.sample)] == [1.0, 4.0]
+    assert against_node.errors[0].absolute.tolist() == [2.0, 2.0]
+    assert against_number.errors[0].absolute.tolist() == [-1.0, 2.0]
+
+
+def test_recordings_have_an_autocorrelation_and_a_piece():
+    rng = np.random.default_rng(0)
+    time = np.r_[np.arange(300) * 0.1, np.arange(200) * 0.1]
+    data = Dataset.of("d", {"x": np.zeros(500), "t": rng.normal(size=500)}, time=time, starts=np.array([0, 300]))
+    curve = Curve("C", [0, 1], [0.0, 0.0])
+    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]), worst=500)
+    memory = found.summaries[0].autocorrelation
+    assert memory.unit == "s"
+    assert memory.lags[1] == pytest.approx(0.1)
+    late = next(w for w in found.worst if w.sample == 300)
+    assert (late.piece, late.time) == (1, 0.0)
+
+
+def test_what_is_not_finite_is_worst_and_does_no_harm():
+    data = Dataset.of("d", {"x": [0.0, 1.0, 2.0], "t": [1.0, 1.0, 1.0]})
+    curve = Curve("C", [0, 3], [1.0, 2.0])
+    (found,) = residuals(problem_of("y = log(x) + C(x)", [curve], data), ParameterSet([curve]))
+    assert found.worst[0].sample == 0
+    assert not np.isfinite(found.worst[0].error)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_one_sample_or_none(count):
+    data = Dataset.of("d", {"x": [1.0], "t": [3.0 if count else np.nan]})
+    curve = Curve("C", [0, 3], [1.0, 2.0])
+    found = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert len(found) == count
+    for entry in found:
+        assert len(entry.worst) == 1
+        assert np.isnan(entry.summaries[0].r2)
+
+
+def test_neighbours_in_time_with_errors_of_one_sign_are_one_event():
+    error = np.array([0.0, 1, 3, 2, -1, -4, -1, 5, 5, np.nan, 2, 7, 1])
+    data = Dataset.of(
+        "d", {"x": np.zeros(13), "t": -error}, time=np.arange(13) * 0.1, starts=np.array([0, 12]), scored=None
+    )
+    curve = Curve("C", [0, 1], [0.0, 0.0])
+    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert [(w.sample, w.error) for w in found.worst] == [(11, 7), (7, 5), (5, -4), (2, 3), (12, 1), (0, 0)]

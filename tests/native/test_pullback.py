@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+from reference import compiled
+
+from kennfeld.graph import Builder, derivative
+from kennfeld.graph.derivative import Written
+from kennfeld.graph.pullback import PullBack
+from kennfeld.native import emitter
+from models import MODELS, case, coupled
+
+
+@pytest.fixture
+def share(monkeypatch):
+    """Makes rows share a pull-back, however small the model."""
+
+    def now():
+        monkeypatch.setattr(derivative, "MOST_VISITS", -1)
+        monkeypatch.setattr(derivative, "SHARED", 0.0)
+
+    return now
+
+
+def results(made, **options):
+    summed = made.accumulator(**options)
+    costs = summed.costs(made.values)
+    normal = summed.normal(made.values)
+    return [costs, normal.gradient.copy(), normal.matrix.copy(), *summed.rows(made.values)]
+
+
+def assert_equal(got, expected):
+    for a, b in zip(got, expected, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.max(np.abs(b)))
+
+
+def both(model, share):
+    """A case with rows written out, and with a pull-back."""
+    written = compiled(model)
+    share()
+    pulled = compiled(model)
+    assert isinstance(written.kernel.line.slopes, Written)
+    assert isinstance(pulled.kernel.line.slopes, PullBack)
+    return written, pulled
+
+
+@pytest.mark.parametrize("model", sorted(MODELS))
+def test_a_pull_back_sums_what_rows_written_out_sum(model, share):
+    written, pulled = both(case(MODELS[model](), 120, (0, 1, 50)), share)
+    assert_equal(results(pulled), results(written))
+
+
+@pytest.mark.parametrize("states", range(2, 12))
+def test_any_number_of_rows_is_shared_among_the_lanes(states, share):
+    written, pulled = both(case(coupled(states), 40, (0, 30)), share)
+    assert_equal(results(pulled, sparse=False), results(written, sparse=False))
+
+
+@pytest.mark.parametrize("segment", [1, 5, 30])
+def test_the_code_around_a_pull_back_may_be_cut(segment, share, monkeypatch):
+    share()
+    model = case(coupled(3), 60, (0, 20))
+    whole = results(compiled(model))
+    monkeypatch.setattr(emitter, "SEGMENT", segment)
+    assert_equal(results(compiled(model)), whole)
+
+
+def test_smoothed_lookups_have_as_many_entries_as_they_need(share):
+    model = case(MODELS["static"](), 80)
+    written = compiled(model, smooth=("C", "M"))
+    share()
+    pulled = compiled(model, smooth=("C", "M"))
+    widths = np.full(len(written.lowered.axes), 0.4)
+    assert not pulled.kernel.entries.fixed
+    assert_equal(results(pulled, widths=widths), results(written, widths=widths))
+
+
+def test_a_slope_that_is_not_finite_stays_in_its_own_row(share):
+    b = Builder()
+    k = b.lookup("K")
+    root = b.call("sqrt", b.call("sub", k, k))  # of slope infinity
+    names = {
+        "plain": b.call("mul", k, b.input("u")),
+        "taken": b.call("add", root, b.lookup("C", b.input("v"))),
+        "not_taken": b.call("select", b.call("lt", b.input("u"), b.const(9.0)), k, root),
+    }
+    written, pulled = both(case(b.finish(names), 30), share)
+    expected, got = (made.accumulator().rows(made.values)[1].reshape(30, 3, -1) for made in (written, pulled))
+    np.testing.assert_allclose(got[:, [0, 2]], expected[:, [0, 2]], rtol=1e-14)
+    scored = ~np.isnan(written.case.criteria[1].target)
+    at = written.kernel.values.offsets["K"]
+    assert not np.isfinite(got[scored, 1, at]).any()
+    assert np.isfinite(np.delete(got[:, 1], at, axis=1)).all()

@@ -1,0 +1,118 @@
+"""Limits of outputs, against a general convex solver and a search over a grid."""
+
+import cvxpy
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.optimize import Criterion, Limit, Options, Problem, run
+from kennfeld.optimize.output_limits import FEASIBLE
+
+GRID = np.linspace(0, 10, 11)
+
+
+class Curve:
+    """A noisy curve, its fit within limits, and the same as a convex program."""
+
+    def __init__(self, seed=1, samples=400):
+        random = np.random.default_rng(seed)
+        self.u = random.uniform(0, 10, samples)
+        self.z = 3 * np.sin(self.u) + 0.3 * random.standard_normal(samples)
+
+    def fitted(self, *limits, start=0.0, **more):
+        parameters = kf.ParameterSet([kf.Curve("C", GRID, np.full(11, start))])
+        problem = Problem(
+            kf.formula("w = C(u)", parameters=["C"]),
+            (kf.Dataset.of("d", {"u": self.u, "z": self.z} | more),),
+            parameters,
+            (Criterion("w", "z"),),
+            limits=limits,
+        )
+        return run(problem, Options())
+
+    def judged(self, conditions):
+        """Cost and values of the convex program."""
+        weights = cell_weights(position(self.u, GRID, "clip"), 11)[0]
+        z = cvxpy.Variable(11)
+        program = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(weights @ z - self.z)), conditions(weights @ z))
+        program.solve(solver=cvxpy.CLARABEL, tol_gap_rel=1e-12, tol_feas=1e-12)
+        return program.value, z.value
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_end_is_that_of_a_convex_solver(seed):
+    curve = Curve(seed)
+    found = curve.fitted(Limit("w", -2.5, 2.0), Limit("w + 0.1 * u", upper=2.2, where="u > 5"))
+    right = curve.u > 5
+    cost, values = curve.judged(lambda w: [w <= 2, w >= -2.5, (w + 0.1 * curve.u)[right] <= 2.2])
+    assert found.status == "converged"
+    assert found.cost_after == pytest.approx(cost, rel=1e-5)
+    np.testing.assert_allclose(found.parameters["C"].values, values, atol=1e-4)
+    w = np.interp(curve.u, GRID, found.parameters["C"].values)
+    assert w.max() <= 2 * (1 + FEASIBLE)
+    assert w.min() >= -2.5 * (1 + FEASIBLE)
+
+
+def test_limits_that_the_best_fit_keeps_change_nothing():
+    curve = Curve()
+    free, kept = curve.fitted(), curve.fitted(Limit("w", -4.0, 4.0))
+    assert kept.parameters == free.parameters
+    assert kept.cost_after == free.cost_after
+
+
+def test_a_limit_may_be_0():
+    found = Curve().fitted(Limit("w", upper=0.0))
+    assert found.status == "converged"
+    assert np.interp(Curve().u, GRID, found.parameters["C"].values).max() <= 1e-5
+
+
+def test_a_limit_may_follow_a_channel():
+    curve = Curve()
+    found = curve.fitted(Limit("w - ceiling", upper=0.0), ceiling=1 + 0.1 * curve.u)
+    cost, _ = curve.judged(lambda w: [w <= 1 + 0.1 * curve.u])
+    assert found.cost_after == pytest.approx(cost, rel=1e-5)
+
+
+def test_limits_that_contradict_each_other_are_told_with_how_far():
+    found = Curve().fitted(Limit("w", lower=2.0), Limit("w", upper=1.0, where="u > 5"))
+    assert found.status == "infeasible"
+    assert "w >= 2 is exceeded at" in found.message
+    assert "w <= 1 is exceeded at" in found.message
+
+
+LOOP = """
+scalar kp
+scalar ki
+error = n_set - n
+integral = integrator(error)
+command = kp * error + ki * integral
+n = prev(n_next, 0)
+n_next = n + dt * (3 * command - 2 * n - load)
+"""
+
+
+def loop():
+    """A set-value step and a load step."""
+    time = np.arange(0, 10, 0.02)
+    data = {"n_set": np.where(time < 1, 0.0, 1.0), "load": np.where(time > 6, 0.5, 0.0)}
+    return kf.Dataset.of("step", data, time=time)
+
+
+def overshoot(kp, ki):
+    """The cost and the largest n of the loop."""
+    found = kf.simulate(LOOP, loop(), {"kp": kp, "ki": ki})
+    return float(np.sum((found["n"].values - loop()["n_set"].values) ** 2)), float(found["n"].values.max())
+
+
+def test_a_closed_loop_keeps_its_overshoot_within_the_limit_and_is_the_best_that_does():
+    start = kf.ParameterSet([kf.Scalar("kp", 0.5).with_bounds(0.0, 6.0), kf.Scalar("ki", 0.5).with_bounds(0.0, 20.0)])
+    free = kf.calibrate(LOOP, loop(), start, target="n_set", node="n")
+    assert overshoot(*(free.parameters[name].value for name in ("kp", "ki")))[1] > 1.03
+    kept = kf.calibrate(LOOP, loop(), start, target="n_set", node="n", limits={"n": (-np.inf, 1.01)})
+    kp, ki = (kept.parameters[name].value for name in ("kp", "ki"))
+    cost, highest = overshoot(kp, ki)
+    assert highest <= 1.01 * (1 + 1e-5)
+    assert kept.cost_after == pytest.approx(cost, rel=1e-9)
+    around = [overshoot(a * kp, b * ki) for a in np.linspace(0.9, 1.0, 11) for b in np.linspace(0.9, 1.1, 21)]
+    assert cost <= 1.001 * min(c for c, top in around if top <= 1.01)

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.models.formula import formula
+from kennfeld.optimize.densifying import densified, parts_of, thickened, turns_of
+from kennfeld.optimize.gauss_newton import Settings
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.placing import coarse
+from kennfeld.optimize.problem import Compiled, Problem
+
+
+def problem(*tables, smoothness=None):
+    random = np.random.default_rng(0)
+    data = kf.Dataset.of("bench", {name: random.uniform(-1, 11, 300) for name in ("x", "z", "y")})
+    text = "m = C(x) + M(x, z)" if len(tables) > 1 else f"m = {tables[0].name}(x)"
+    made = formula(text, parameters=[table.name for table in tables])
+    return Problem(made, (data,), kf.ParameterSet(tables), (kf.Criterion("m", "y"),), smoothness=smoothness or {})
+
+
+def tables():
+    random = np.random.default_rng(1)
+    x = kf.Axis([0, 2, 3, 7, 10], name="AxisX", free=True)
+    z = kf.Axis([0, 4, 10])
+    return kf.Curve("C", x, random.standard_normal(5)), kf.Map("M", x, z, random.standard_normal((5, 3)))
+
+
+def dense(made):
+    return thickened(made, parts_of(made, made.free_axes))
+
+
+def test_given_breakpoints_stay_in_the_dense_axis_bit_for_bit():
+    points = np.array([0.1, 0.7, 2.9, 3.3])
+    made = densified(points, np.array([3, 1, 7]))
+    assert made.size == 12
+    assert np.isin(points, made).all()
+    assert np.all(np.diff(made) > 0)
+
+
+def test_a_dense_problem_has_the_same_surfaces_and_the_same_cost():
+    made = problem(*tables())
+    assert SumOfSquares(Compiled(dense(made))).cost(Compiled(dense(made)).start) == pytest.approx(
+        SumOfSquares(Compiled(made)).cost(Compiled(made).start), rel=1e-12
+    )
+    axes = [table.axes[0] for table in dense(made).parameters.parameters]
+    assert axes[0] == axes[1]
+    assert not axes[0].free
+    assert dense(made).parameters["M"].axes[1] == made.parameters["M"].axes[1]
+
+
+def test_a_smooth_surface_costs_about_as_much_roughness_when_it_is_dense():
+    x = kf.Axis(np.linspace(0, 10, 21), free=True)
+    made = problem(kf.Curve("C", x, np.sin(x.breakpoints / 3)), smoothness={"C": 2.0})
+    thick = dense(made)
+    fine = thick.parameters["C"].axes[0].breakpoints
+    smooth = thick.parameters.with_parameters(thick.parameters["C"].with_values(np.sin(fine / 3)))
+    compiled = Compiled(thick)
+    before = Compiled(made)
+    assert compiled.roughness.cost(compiled.values.pack(smooth)) == pytest.approx(
+        before.roughness.cost(before.start), rel=0.1
+    )
+
+
+def test_no_cell_is_cut_finer_than_breakpoints_may_be_apart():
+    x = kf.Axis([0, 1, 4, 10], free=True, min_distance=0.4)
+    made = problem(kf.Curve("C", x, np.zeros(4)))
+    (parts,) = parts_of(made, made.free_axes).values()
+    assert parts.tolist() == [2, 7, 8]
+    assert np.diff(dense(made).parameters["C"].axes[0].breakpoints).min() >= 0.4
+
+
+def test_a_dense_problem_stays_moderate():
+    for count, together in ((60, []), (25, [1, 1]), (8, [2])):
+        x, z = (kf.Axis(np.linspace(0, 10, count), free=True) for _ in range(2))
+        made = problem(kf.Map("M", x, z, np.zeros((count, count))), kf.Curve("C", [0, 1], [0, 0]))
+        assert [len(keys) for keys in turns_of(made)] == together
+    x, z = (kf.Axis(np.linspace(0, 10, 8), free=True) for _ in range(2))
+    made = problem(kf.Map("M", x, z, np.zeros((8, 8))), kf.Curve("C", [0, 1], [0, 0]))
+    assert 400 < dense(made).parameters["M"].size <= 1000
+
+
+def test_what_lies_between_two_locked_values_is_locked_and_bounds_are_the_wider_ones():
+    x = kf.Axis([0, 2, 4, 6], free=True)
+    table = kf.Curve(
+        "C", x, [0.0, 1.0, 2.0, 3.0], locked=[True, True, False, True], lower=[-np.inf, -1, -2, -3], upper=[1, 2, 3, 4]
+    )
+    made = thickened(problem(table), {key: np.full(3, 2) for key in problem(table).free_axes}).parameters["C"]
+    assert made.locked.tolist() == [True, True, True, False, False, False, True]
+    assert made.lower.tolist() == [-np.inf, -np.inf, -1, -2, -2, -3, -3]
+    assert made.upper.tolist() == [1, 2, 2, 3, 3, 4, 4]
+
+
+def test_moving_breakpoints_end_where_they_only_creep():
+    assert coarse(Settings(tolerance=1e-8)).tolerance == 1e-5
+    assert coarse(Settings(tolerance=1e-3)).tolerance == 1e-3

@@ -1,0 +1,238 @@
+"""Sequences of steps, from the problem of one step to what comes out at the end."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld import Step
+from kennfeld.optimize.constraints import Equality, Shape, Term
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.step import standing, stepped, whole
+from kennfeld.project.demo import torque
+
+X = np.linspace(0.0, 3.0, 61)
+BREAKPOINTS = np.linspace(0, 3, 9)
+DATA = {"x": X, "y": 2 + np.sin(2 * X), "z": 1.0 + 0 * X}
+TEXT = "m = C(x) * k\nn = k + 0 * x"
+
+
+def members(**attributes):
+    return kf.ParameterSet([kf.Curve("C", BREAKPOINTS, np.ones(9), **attributes), kf.Scalar("k", 1.5)])
+
+
+CRITERIA = (kf.Criterion("m", "y"), kf.Criterion("n", "z"))
+
+
+def sequence(*steps, criteria=CRITERIA, parameters=None, **arguments):
+    options = kf.Options(steps=steps, **arguments.pop("options", {}))
+    start = members() if parameters is None else parameters
+    return kf.calibrate(TEXT, DATA, start, criteria=criteria, options=options, **arguments)
+
+
+def problem(**changes):
+    settings = {"smoothness": {"C": 2.0}, "pins": (kf.Pin("C", (1.0,), 2.0),)} | changes
+    criteria = (kf.Criterion("m", "y"), kf.Criterion("n", "z", weight=0.0))
+    return Problem(
+        kf.formula(TEXT, parameters=["C", "k"]), (kf.Dataset.of("d", DATA),), members(), criteria, **settings
+    )
+
+
+def test_a_step_frees_locks_and_smooths_by_name_or_pattern():
+    made = stepped(problem(), Step(free=["C"], lock={"C*": BREAKPOINTS < 1}, smoothness={"C": 7.0}))
+    assert made.free_names == ("C",)
+    assert made.parameters["C"].locked.tolist() == (BREAKPOINTS < 1).tolist()
+    assert made.factors("C") == (7.0,)
+    assert stepped(problem(), Step(smoothness=3)).factors("C") == (3.0,)
+    assert stepped(problem(), Step()).factors("C") == (2.0,)
+
+
+def test_a_step_drops_the_pins_of_what_it_holds():
+    assert standing(stepped(problem(), Step(free=["k"]))).pins == ()
+    assert len(standing(stepped(problem(), Step(free=["C"]))).pins) == 1
+
+
+def test_an_equality_counts_what_a_step_holds_as_it_stands():
+    sums = Equality([Term("C", (0.75,), 2.0), Term("k", (), -1.0)], 0.3)
+    shape = Shape("C", 0, "slope", lower=0.0)
+    given = problem(pins=(), constraints=(sums, shape))
+    assert standing(stepped(given, Step())).constraints == (sums, shape)
+    assert standing(stepped(given, Step(free=["C"]))).constraints == (Equality([Term("C", (0.75,), 2.0)], 1.8), shape)
+    assert standing(stepped(given, Step(free=["k"]))).constraints == (Equality([Term("k", (), -1.0)], -1.7),)
+
+
+@pytest.mark.parametrize(
+    ("criteria", "weights"),
+    [
+        (None, {"m": 1.0}),
+        (["m"], {"m": 1.0}),
+        ([1], {"m": 1.0}),
+        ({"n": 2.5}, {"n": 2.5}),
+        ({1: 3.0, "n": 0.5}, {"m": 3.0, "n": 0.5}),
+        ({"m": 0.0, 2: 4.0}, {"n": 4.0}),
+    ],
+)
+def test_a_step_names_its_criteria_and_their_weights(criteria, weights):
+    made = stepped(problem(), Step(criteria=criteria))
+    assert {c.node: c.weight for c in made.criteria if c.weight} == weights
+
+
+def test_the_whole_of_a_sequence_moves_what_any_step_moves():
+    first, second = Step(free=["C"], lock={"C": BREAKPOINTS < 2}), Step(free=["k"])
+    made = whole(problem(), [first, second])
+    assert set(made.free_names) == {"C", "k"}
+    assert made.parameters["C"].locked.tolist() == (BREAKPOINTS < 2).tolist()
+    both = whole(problem(), [first, Step(lock={"C": BREAKPOINTS > 1})])
+    assert both.parameters["C"].locked.tolist() == ((BREAKPOINTS > 1) & (BREAKPOINTS < 2)).tolist()
+
+
+def test_steps_follow_each_other_and_the_trace_names_them():
+    result = sequence(Step(free=["k"], criteria=["n"]), Step(name="curve", free=["C"]))
+    assert result.parameters["k"].value == pytest.approx(1.0)
+    assert result.status == "converged"
+    stages = list(dict.fromkeys(line.stage for line in result.trace))
+    assert stages == ["step 1: plain", "curve: plain"]
+    assert [q.criterion for q in result.quality] == ["m", "n"]
+    assert result.cost_after < result.cost_before
+
+
+def test_a_parameter_that_no_step_frees_stays():
+    result = sequence(Step(free=["C"]), Step(free=["C"]))
+    assert result.parameters["k"].value == 1.5
+    assert (result.free_values, result.fixed_values) == (9, 1)
+
+
+def test_a_step_may_free_what_the_problem_holds():
+    result = sequence(Step(free=["k"]), free=["C"])
+    assert result.parameters["k"].value != 1.5
+    assert result.parameters["C"].values.tolist() == [1.0] * 9
+
+
+def test_a_coarse_step_ends_on_the_full_grid_with_a_surface_of_the_coarse_one():
+    result = sequence(Step(grid_reduction=2))
+    values = result.parameters["C"].values
+    assert values.shape == (9,)
+    assert values[1::2] == pytest.approx((values[:-1:2] + values[2::2]) / 2)
+    assert np.ptp(values) > 0.5
+
+
+def test_locks_bounds_and_pins_hold_after_a_coarse_step():
+    start = members(locked=np.arange(9) == 3, lower=0.2, upper=1.7)
+    pin = kf.Pin("C", (1.9,), 0.77)
+    result = sequence(Step(grid_reduction=2), parameters=start, pins=[pin])
+    values = result.parameters["C"].values
+    assert values[3] == 1.0
+    assert np.all((values >= 0.2) & (values <= 1.7))
+    assert np.interp(1.9, BREAKPOINTS, values) == pytest.approx(0.77, rel=1e-9)
+
+
+def test_slopes_and_equalities_hold_after_a_coarse_step():
+    limits = [Shape("C", 0, "slope", upper=0.05), Equality([Term("C", (0.4,)), Term("C", (2.7,), -1.0)], 0.4)]
+    for steps in ([Step(grid_reduction=3)], [Step(grid_reduction=2), Step(free=["k"]), Step(free=["C"])]):
+        values = sequence(*steps, constraints=limits).parameters["C"].values
+        assert np.all(np.diff(values) / np.diff(BREAKPOINTS) <= 0.05 + 1e-9)
+        assert np.interp(0.4, BREAKPOINTS, values) - np.interp(2.7, BREAKPOINTS, values) == pytest.approx(0.4, rel=1e-9)
+
+
+def test_limits_of_outputs_hold_at_the_end_of_a_sequence():
+    limits = {"m": (-np.inf, 2.4)}
+    free = sequence(Step(grid_reduction=2), Step())
+    result = sequence(Step(grid_reduction=2), Step(), limits=limits)
+    values = [kf.simulate(TEXT, DATA, each.parameters)["m"].values.max() for each in (free, result)]
+    assert values[0] > 2.5
+    assert values[1] <= 2.4 + 1e-5
+    assert result.status == "converged"
+
+
+def test_limits_of_outputs_hold_for_every_start():
+    result = kf.calibrate(
+        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=3, workers=2)
+    )
+    again = kf.calibrate(
+        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=3, workers=1)
+    )
+    assert kf.simulate(TEXT, DATA, result.parameters)["m"].values.max() <= 2.4 + 1e-5
+    assert [row.as_json() for row in result.starts] == [row.as_json() for row in again.starts]
+
+
+def test_a_step_has_its_own_iterations():
+    result = sequence(Step(max_iterations=2), Step(max_iterations=3), options={"continuation": "off"})
+    assert result.status == "max_iterations"
+    assert [line.stage for line in result.trace] == ["step 1: plain"] * 2 + ["step 2: plain"] * 3
+
+
+def test_a_step_that_cannot_be_done_ends_the_sequence_and_is_named():
+    steps = Step(free=["k"]), Step(name="held", lock={"C": True}), Step()
+    result = sequence(*steps, pins=[kf.Pin("C", (0.0,), 3.0)])
+    assert result.status == "infeasible"
+    assert result.message.startswith("held: Limits contradict")
+    assert {line.stage for line in result.trace} == {"step 1: plain"}
+
+
+def test_a_sequence_whose_pins_contradict_never_begins():
+    pins = [kf.Pin("C", (0.0,), 1.0), kf.Pin("C", (0.0,), 2.0)]
+    result = sequence(Step(), Step(), pins=pins)
+    assert (result.status, len(result.starts), len(result.trace)) == ("infeasible", 1, 0)
+
+
+def test_a_request_to_stop_ends_the_whole_sequence():
+    def stop(line):
+        if line.stage.startswith("step 2"):
+            raise kf.Stop
+
+    result = sequence(Step(grid_reduction=2), Step(), Step(), progress=stop)
+    assert result.status == "stopped"
+    assert not any(line.stage.startswith("step 3") for line in result.trace)
+    assert result.cost_after < result.cost_before
+
+
+def test_a_sequence_from_several_starts_does_not_depend_on_the_starts_before():
+    steps = (Step(free=["k"], criteria=["n"]), Step(free=["C"], grid_reduction=2), Step())
+    one, two = (sequence(*steps, options={"starts": 4, "workers": n, "seed": 5}) for n in (1, 2))
+    assert [row.as_json() for row in one.starts] == [row.as_json() for row in two.starts]
+    assert one.parameters["C"].values.tolist() == two.parameters["C"].values.tolist()
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (Step(free=["D"]), "step 2 free: D matches no parameter"),
+        (Step(lock={"CC": True}), "step 2 lock: CC matches no parameter. Did you mean C?"),
+        (Step(lock={"C": [True]}), r"step 2 lock C: the mask has the shape \[1\], the parameter \[9\]"),
+        (Step(criteria=["q"]), "step 2 criteria: there is no criterion on q"),
+        (Step(criteria=[3]), "there is no criterion 3. They are counted from 1 to 2"),
+        (Step(criteria={"m": -1.0}), "step 2 criteria m: the weight -1.0 must be a number from 0 on"),
+        (Step(criteria={"m": 0.0}), "no criterion has a weight above 0"),
+        (Step(grid_reduction={"C": (2, 2)}), "are 2 numbers for 1 axes"),
+        (Step(smoothness={"K": 1.0}), "step 2 smoothness: K matches no parameter"),
+        (Step(free=[]), "no parameter that the function uses is free"),
+    ],
+)
+def test_what_does_not_suit_the_problem_is_named_with_its_step(step, said):
+    with pytest.raises(kf.InputError, match=said):
+        sequence(Step(), step)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("free", "C"), ("grid_reduction", 0), ("grid_reduction", {"C": 1.5}), ("max_iterations", 0), ("tolerance", 0.0)],
+)
+def test_a_step_that_makes_no_sense_is_refused(key, value):
+    with pytest.raises(ValueError, match=key):
+        Step(**{key: value})
+
+
+def test_the_torque_maps_from_coarse_to_fine_end_no_higher_than_the_direct_fit():
+    def cost(**options):
+        return kf.calibrate(
+            kf.formula(torque.FORMULA, parameters=list(torque.start())),
+            torque.bench(),
+            torque.start(),
+            "Torque",
+            node="TorquePredict",
+            smoothness=torque.SMOOTHNESS,
+            limits=torque.BOUNDS,
+            pins=[kf.Pin(*torque.PIN)],
+            options=kf.Options(continuation="off", **options),
+        ).cost_after
+
+    assert cost(steps=[Step(grid_reduction=3), Step(grid_reduction=2), Step()]) <= 1.01 * cost()

@@ -1,0 +1,199 @@
+"""What data leave open, in words: the ambiguities of the torque model, and others whose answer is known."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.optimize import Problem, run
+from kennfeld.project.demo import torque
+
+
+@cache
+def torque_fit(smoothness=1.0, *, pinned=False, bounded=False):
+    start = torque.start()
+    bounds = torque.BOUNDS if bounded else dict.fromkeys(torque.BOUNDS, (-np.inf, np.inf))
+    start = start.with_parameters(*(start[name].with_bounds(*pair) for name, pair in bounds.items()))
+    problem = Problem(
+        kf.formula(torque.FORMULA, parameters=list(start)),
+        (torque.bench(),),
+        start,
+        (kf.Criterion("TorquePredict", "Torque"),),
+        smoothness={name: smoothness * factor for name, factor in torque.SMOOTHNESS.items()},
+        pins=(kf.Pin(*torque.PIN),) if pinned else (),
+    )
+    return run(problem, kf.Options(continuation="off"))
+
+
+def found(trust, *words):
+    """The directions whose sentence has all these words."""
+    return [d for d in trust.directions if all(word in d.sentence for word in words)]
+
+
+SCALE = ("Scaling MapOptTorque by 1.01 and CurveEtaDeltaSpark by 1/1.01",)
+SHIFT = ("MapOptIgnition by 0.", "deg and shifting CurveEtaDeltaSpark along deltaSpark by 0.")
+
+
+@pytest.mark.parametrize("smoothness", [0.0, 1.0])
+def test_the_scale_of_torque_and_efficiency_is_open(smoothness):
+    result = torque_fit(smoothness)
+    (direction,) = found(result.trust, *SCALE)
+    assert direction.exact
+    assert direction.remedy == "Pin a value of CurveEtaDeltaSpark that you know, e.g. at 0 to 1."
+    assert set(direction.parts) == {"MapOptTorque", "CurveEtaDeltaSpark"}
+    assert direction.parts["MapOptTorque"] == pytest.approx(0.01 * result.parameters["MapOptTorque"].values)
+    if smoothness:
+        assert "smoothness alone holds it" in direction.sentence
+        assert 1 < direction.deviation < 1000
+    else:
+        assert "changes nothing." in direction.sentence
+        assert direction.deviation == np.inf
+        assert np.all(np.isinf(result.trust.deviation["MapOptTorque"]))
+
+
+@pytest.mark.parametrize("smoothness", [0.0, 1.0])
+def test_what_is_said_to_change_nothing_changes_nothing(smoothness):
+    result = torque_fit(smoothness)
+    (direction,) = found(result.trust, *SCALE)
+    data = {name: channel.values for name, channel in torque.bench().items()}
+    inputs = {name: data[name] for name in ("Speed", "Rel_Airmass", "Ignition")}
+
+    def simulated(amount):
+        moved = [
+            result.parameters[name].with_values(result.parameters[name].values + amount * part)
+            for name, part in direction.parts.items()
+        ]
+        changed = result.parameters.with_parameters(*moved)
+        return kf.simulate(torque.FORMULA, inputs, changed)["TorquePredict"].values
+
+    assert np.abs(simulated(0.1) - simulated(0.0)).max() < 1e-5 * np.abs(simulated(0.0)).max()
+
+
+@pytest.mark.parametrize("smoothness", [0.0, 1.0])
+@pytest.mark.parametrize("settled", [False, True], ids=["free", "pinned and bounded"])
+def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled):
+    trust = torque_fit(smoothness, pinned=settled, bounded=settled).trust
+    (direction,) = found(trust, *SHIFT)
+    assert not direction.exact
+    assert "Pin a value of MapOptIgnition" in direction.remedy
+    assert 1e-3 < direction.ratio < 0.2
+    part = direction.parts["MapOptIgnition"]
+    assert part.mean() > 0
+    assert np.isfinite(direction.deviation)
+
+
+def test_a_pin_settles_the_scale_but_not_the_stretch_that_the_drag_makes_up_for():
+    """Where eta -> 1 + a (eta - 1), torque -> torque / a, drag -> drag + (1/a - 1) torque, all but the grids stay."""
+    trust = torque_fit(pinned=True, bounded=True).trust
+    assert not found(trust, *SCALE)
+    (direction,) = found(trust, "Scaling MapOptTorque", "stretching CurveEtaDeltaSpark about 1", "MapDragTorque")
+    assert direction is trust.directions[0]
+    assert direction.ratio < 1e-4
+
+
+def test_the_worst_come_first():
+    for fit in (torque_fit(0.0), torque_fit(1.0)):
+        ratios = [max(direction.ratio, 1e-12) for direction in fit.trust.directions]
+        assert ratios == sorted(ratios)
+
+
+def test_values_without_data_are_told_with_their_coordinates():
+    trust = torque_fit(0.0).trust
+    direction = trust.directions[0]
+    assert direction.sentence == (
+        "No data and no smoothness inform 3 of 12 values of CurveEtaDeltaSpark (30, 35, 40): they keep their start."
+    )
+    assert np.flatnonzero(direction.parts["CurveEtaDeltaSpark"]).tolist() == [9, 10, 11]
+    assert np.all(trust.samples["CurveEtaDeltaSpark"][9:] == 0)
+
+
+X = np.random.default_rng(0).uniform(0, 3, 300)
+Z = np.random.default_rng(1).uniform(0, 3, 300)
+
+
+def sentences(text, members, target, smoothness=0.0, **arguments):
+    start = kf.ParameterSet(members)
+    columns = {"x": X, "z": Z, "y": target + np.random.default_rng(2).normal(0, 0.01, 300)}
+    return kf.calibrate(text, columns, start, target="y", smoothness=smoothness, **arguments).trust.directions
+
+
+def curve(name, values=1.0):
+    return kf.Curve(name, np.arange(4.0), np.broadcast_to(values, 4))
+
+
+@pytest.mark.parametrize("smoothness", [0.0, 0.1])
+def test_the_offset_between_two_sums_is_open(smoothness):
+    (direction,) = sentences("m = A(x) + B(z)", [curve("A"), curve("B")], np.sin(X) + np.cos(Z), smoothness)
+    assert direction.exact
+    assert direction.deviation == np.inf
+    assert direction.sentence in (
+        "Raising A by 0.01 and lowering B by 0.01 changes nothing.",
+        "Raising A by 0.02 and lowering B by 0.02 changes nothing.",
+        "Raising A by 0.005 and lowering B by 0.005 changes nothing.",
+    )
+
+
+def test_a_pin_removes_it():
+    pins = [kf.Pin("B", (0.0,), 1.0)]
+    assert not sentences("m = A(x) + B(z)", [curve("A"), curve("B")], np.sin(X) + np.cos(Z), pins=pins)
+
+
+def test_scalars_that_stand_for_each_other_are_told():
+    (direction,) = sentences("m = a * b * x", [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)], 5 * X)
+    assert direction.sentence == "Scaling a by 1.01 and b by 1/1.01 changes nothing."
+    assert direction.remedy == "Do not free a, or bound it by what you know."
+
+
+def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
+    """Base * (Effect + c) - (Loss + c * Base) is the same for every c, where Base and Loss share their axes."""
+    surface = kf.Map("Base", np.arange(4.0), np.arange(4.0), 2 + np.add.outer(np.arange(4.0), np.arange(4.0)))
+    loss = kf.Map("Loss", np.arange(4.0), np.arange(4.0), np.add.outer(np.arange(4.0), -np.arange(4.0)))
+    turn = np.random.default_rng(5).uniform(0, 3, 300)
+    target = (2 + X + Z) * (1 + 0.1 * turn) - X + Z
+    columns = {"x": X, "z": Z, "turn": turn, "y": target + np.random.default_rng(2).normal(0, 0.01, 300)}
+    start = kf.ParameterSet([surface, curve("Effect", 1 + 0.1 * np.arange(4.0)), loss])
+    trust = kf.calibrate("m = Base(x, z) * Effect(turn) - Loss(x, z)", columns, start, target="y").trust
+    assert [direction.exact for direction in trust.directions][:3] == [True, True, False]
+    assert found(trust, "Scaling Base by 1.01 and Effect by 1/1.01 changes nothing.")
+    (hidden,) = found(trust, "Raising Effect by 0.01 and Loss by 0.01 times Base changes nothing.")
+    assert "Pin a value of Effect" in hidden.remedy
+
+
+def test_a_product_of_three_leaves_two_scales_open():
+    found = sentences("m = A(x) * B(z) * k", [curve("A"), curve("B"), kf.Scalar("k", 2.0)], (1 + X) * (2 + Z))
+    assert len(found) == 2
+    assert all(direction.exact and "caling" in direction.sentence for direction in found)
+
+
+def test_an_offset_in_front_of_a_curve_and_its_shift_are_nearly_one():
+    members = [kf.Scalar("k", 0.1), kf.Curve("C", np.linspace(-1, 4, 21), np.linspace(-1, 4, 21) ** 2)]
+    (direction,) = sentences("m = C(x - k)", members, (X - 0.3) ** 2, 1e-3)
+    assert "k" in direction.parts
+    assert "shifting C along" in direction.sentence
+
+
+def test_what_has_no_name_is_told_by_its_grid_points():
+    """Both curves are looked up at two places only, so that their grid points stand for each other."""
+    x = np.where(X < 1.5, 0.5, 2.5)
+    start = kf.ParameterSet([curve("A")])
+    trust = kf.calibrate("m = A(x)", {"x": x, "y": x}, start, target="y").trust
+    assert len(trust.directions) == 2
+    assert sorted(d.sentence for d in trust.directions) == [
+        "Raising A at 0 and lowering A at 1 together changes nothing.",
+        "Raising A at 2 and lowering A at 3 together changes nothing.",
+    ] or all("together changes nothing" in d.sentence for d in trust.directions)
+    assert all(np.isinf(trust.deviation["A"]))
+
+
+def test_a_model_whose_values_the_data_tell_leaves_nothing_open():
+    assert sentences("m = A(x) + k * z", [curve("A"), kf.Scalar("k", 1.0)], np.sin(X) + Z) == ()
+
+
+def test_a_whole_table_that_no_sample_reaches_is_told():
+    start = kf.ParameterSet([curve("A"), curve("B")])
+    columns = {"x": X, "z": Z, "y": np.sin(X)}
+    trust = kf.calibrate("m = if(x < 10, A(x), B(z))", columns, start, target="y").trust
+    (direction,) = trust.directions
+    assert direction.sentence == "No data and no smoothness inform any value of B: they keep their start."
+    assert direction.remedy == "Record samples there or lock them."

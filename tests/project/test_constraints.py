@@ -1,0 +1,69 @@
+"""Shapes, equalities and limits of outputs in a project file."""
+
+import numpy as np
+import pytest
+
+
+def test_a_slope_is_limited(shop):
+    result = shop.add("[parameters.Gain]\ngradient = { x = [-inf, 0.0005] }").project.calibrate()
+    assert np.diff(result.parameters["Gain"].values).max() <= 0.5 * (1 + 1e-9)
+
+
+def test_a_curvature_is_limited(shop):
+    result = shop.add('[parameters.Gain]\ncurvature = { x = [2e-7, "inf"] }').project.calibrate()
+    assert np.diff(result.parameters["Gain"].values, 2)[0] >= 0.2 * (1 - 1e-9)
+
+
+def test_values_are_made_equal(shop):
+    terms = "terms = [{ parameter = 'Gain', at = [1000] }, { parameter = 'Gain', at = 3000, factor = -1 }]"
+    result = shop.add(f"[[equality]]\n{terms}").project.calibrate()
+    values = result.parameters["Gain"].values
+    assert values[0] == pytest.approx(values[2], rel=1e-9)
+
+
+def test_a_sum_is_kept(shop):
+    result = shop.add("[[equality]]\nterms = [{ parameter = 'Gain' }]\nvalue = 5").project.calibrate()
+    assert result.parameters["Gain"].values.sum() == pytest.approx(5, rel=1e-9)
+
+
+def test_an_output_is_limited_where_a_condition_holds(shop):
+    result = shop.add("[[limit]]\nnode = 'Predict * 1'\nmax = 25\nwhere = 'n > 2200'").project.calibrate()
+    simulated = {data.name: data for data in shop.project.simulate(result.parameters)}["bench"]
+    predicted = simulated["Predict"].values
+    speed = np.array([1000, 1500, 2000, 2500, 3000, 1200])
+    assert predicted[speed > 2200].max() == pytest.approx(25, abs=1e-4)
+    assert predicted[speed <= 2200].max() > 25.5
+
+
+def test_a_limit_reads_channels_that_nothing_else_reads(shop):
+    shop.bench("bench.csv", Ceiling=np.full(6, 21.0))
+    result = shop.add("[[limit]]\nnode = 'base - Ceiling'\nmax = 0").project.calibrate()
+    simulated = shop.project.simulate(result.parameters)[0]
+    assert simulated["base"].values.max() <= 21 + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[[limit]]\nnode = 'base'", "neither min nor max is given"),
+        ("[[limit]]\nmax = 3", "[[limit]] 1 node: the key is missing"),
+        ("[[limit]]\nnode = 'base'\nmin = 3\nmax = 1", "3 lies above max, 1"),
+        ("[[limit]]\nnode = 'bas'\nmax = 1", "bas is no node of the function and no channel"),
+        ("[[limit]]\nnode = 'base'\nmax = 1\nwhere = 'Predict > 3'", "depends on a free parameter"),
+        ("[[limit]]\nnode = 'base +'\nmax = 1", "limit"),
+        ("[parameters.Gain]\ngradient = { x = [1, 0] }", "1 lies above 0"),
+        ("[parameters.Gain]\ngradient = { x = 3 }", "no range of two numbers"),
+        ("[parameters.Gain]\ngradient = { y = [0, 1] }", "Gain has 1 axes, there is no y"),
+        ("[parameters.Gain]\ngradient = 3", "3 is no table"),
+        ("[[equality]]\nvalue = 3", "terms: is missing"),
+        ("[[equality]]\nterms = [{ parameter = 'Gian' }]", "Did you mean Gain?"),
+        ("[[equality]]\nterms = [{ parameter = 'Gain', at = [1, 2] }]", "has 2 coordinates, Gain has 1 axes"),
+        (
+            "[parameters.Gain]\nbounds = [0, 1]\npin = [{ at = [1000], value = 0.2 }, { at = [3000], value = 0.1 }]\n"
+            "gradient = { x = [0, inf] }",
+            "Limits contradict bounds, locks or each other. Not met: ",
+        ),
+    ],
+)
+def test_what_cannot_hold_is_found_before_the_run(shop, text, told):
+    assert told in shop.add(text).error()

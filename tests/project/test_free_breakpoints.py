@@ -1,0 +1,182 @@
+"""Breakpoints that are fitted: the keys of an axis that say so."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kennfeld.analysis.limits import pressing
+from kennfeld.calfiles import read as read_parameters
+from kennfeld.parameters import Axis, Curve, Scalar
+from kennfeld.project.results import write
+
+
+def axis(shop, name="Gain"):
+    assert shop.errors() == []
+    return shop.project.problem().parameters[name].axes[0]
+
+
+def gain(shop, x, more=""):
+    shop.add(f"[parameters.Gain]\nx = {x}\n{more}")
+    return shop
+
+
+@pytest.mark.parametrize(
+    ("x", "points"),
+    [
+        ('{ breakpoints = "free" }', [1000, 2000, 3000]),
+        ("{ free = true }", [1000, 2000, 3000]),
+        ("{ breakpoints = [1000, 1200, 3000], free = true }", [1000, 1200, 3000]),
+        ('{ begin = 1000, end = 3000, count = 5, breakpoints = "free" }', [1000, 1500, 2000, 2500, 3000]),
+        ('{ input = "Speed", count = 3, breakpoints = "free" }', [1000, 1750, 3000]),
+        ("{ input = 'Speed', count = 3, free = true }", [1000, 1750, 3000]),
+    ],
+)
+def test_any_axis_can_be_freed_and_begins_where_it_says_else_where_the_file_says(shop, x, points):
+    found = axis(gain(shop, x))
+    assert found.free
+    assert found.breakpoints.tolist() == points
+
+
+def test_an_axis_stands_still_unless_it_is_freed(shop):
+    assert not axis(shop).free
+    assert not axis(gain(shop, "{ breakpoints = [1000, 1200, 3000], free = false }")).free
+
+
+def test_distance_and_range_are_taken(shop):
+    found = axis(gain(shop, '{ breakpoints = "free", min_distance = 100, range = [900, 3100] }'))
+    assert (found.min_distance, found.range) == (100.0, (900.0, 3100.0))
+
+
+def test_a_group_axis_is_freed_in_its_section(shop):
+    shop.add('[axes.AxisSpeed]\ninput = "Speed"\nbegin = 1000\nend = 3000\ncount = 4\nbreakpoints = "free"')
+    found = axis(gain(shop, '{ axis = "AxisSpeed" }'))
+    assert (found.name, found.free, len(found)) == ("AxisSpeed", True, 4)
+
+
+def test_a_group_axis_of_the_initial_file_can_be_freed(shop):
+    speed = Axis([1000, 2000, 3000], name="AxisSpeed")
+    shop.values("start.json", Curve("Gain", speed, [1.0, 1.0, 1.0]), Scalar("offset", 0.0))
+    shop.add("[axes.AxisSpeed]\nfree = true")
+    gain(shop, '{ axis = "AxisSpeed" }')
+    found = axis(shop)
+    assert (found.free, found.breakpoints.tolist()) == (True, [1000, 2000, 3000])
+
+
+@pytest.mark.parametrize(
+    ("x", "expected"),
+    [
+        ('{ breakpoints = "fre" }', "[parameters.Gain] x breakpoints: 'fre' is no number"),
+        ('{ breakpoints = "free", free = false }', 'breakpoints = "free" stands beside free = false'),
+        ("{ breakpoints = [1, 2], range = [0, 3] }", "x range: has a meaning for free breakpoints alone"),
+        ("{ breakpoints = [1, 2], min_distance = 1 }", "x min_distance: has a meaning for free breakpoints alone"),
+        ('{ breakpoints = "free", range = [3000, 1000] }', "x range: must be a lowest and a highest breakpoint"),
+        ('{ breakpoints = "free", range = 3 }', "Write range = [lowest, highest]."),
+        ('{ breakpoints = "free", min_distance = 0 }', "x min_distance: 0 must be a number above 0"),
+        ("{ free = 1 }", "x free: 1 is neither true nor false"),
+        (
+            '{ breakpoints = "free", range = [1100, 3000] }',
+            "[parameters.Gain] x: range=(1100, 3000) of axis Speed must hold all its breakpoints, 1000 to 3000",
+        ),
+        (
+            '{ breakpoints = "free", min_distance = 1500 }',
+            "min_distance=1500 of axis Speed is more than the distance of its breakpoints 1000 and 2000",
+        ),
+        ('{ axis = "A", free = true }', "what frees its breakpoints belongs into its section"),
+        ('{ breakpoints = "free", begin = 1 }', "the axis has"),
+    ],
+)
+def test_what_is_wrong_is_one_finding(shop, x, expected):
+    if '"A"' in x:
+        shop.add("[axes.A]\nbreakpoints = [1000, 3000]")
+    assert expected in gain(shop, x).error()
+
+
+def test_a_free_axis_without_a_start_is_a_finding(shop):
+    shop.values("start.json", Scalar("offset", 0.0))
+    found = gain(shop, '{ breakpoints = "free" }', "initial = 1.0").error()
+    assert "[parameters.Gain] x: no initial file has breakpoints to begin from. Write breakpoints, begin" in found
+
+
+def test_a_free_group_axis_without_a_start_is_a_finding(shop):
+    shop.add("[axes.AxisSpeed]\nfree = true")
+    assert "the initial files have no group axis AxisSpeed" in gain(shop, '{ axis = "AxisSpeed" }').error()
+
+
+def test_a_table_that_would_move_along_unfitted_is_a_finding(shop):
+    speed = Axis([1000, 2000, 3000], name="AxisSpeed")
+    shop.values("start.json", Curve("Gain", speed, [1.0] * 3), Curve("Drag", speed, [1.0] * 3), Scalar("offset", 0.0))
+    shop.add("[axes.AxisSpeed]\nfree = true")
+    found = gain(shop, '{ axis = "AxisSpeed" }').error()
+    assert "[axes.AxisSpeed]: its breakpoints are free, but Drag on it is not fitted" in found
+
+
+def test_free_breakpoints_of_a_table_that_is_not_fitted_are_a_warning(shop):
+    found = gain(shop, '{ breakpoints = "free" }', "free = false").warning()
+    assert "[parameters.Gain] x: the breakpoints of Gain.x are free, but no table on it is fitted" in found
+
+
+def test_breakpoints_that_cannot_move_are_a_warning(shop):
+    found = gain(shop, "{ breakpoints = [1000, 3000], free = true }").warning()
+    assert "no breakpoint of Gain.x can move" in found
+
+
+def test_a_project_fits_breakpoints_and_writes_them(shop, tmp_path):
+    speed = np.linspace(1000, 3000, 201)
+    load = 10.0 + np.arange(speed.size) % 4
+    torque = np.interp(speed, [1000, 1370, 3000], [1, 2, 3]) * load + 5
+    shop.bench("bench.csv", speed, **{"Load": load, "Torque [Nm]": torque})
+    gain(shop, '{ breakpoints = "free" }')
+    project = shop.project
+    result = project.calibrate()
+    assert result.status == "converged"
+    np.testing.assert_allclose(result.parameters["Gain"].axes[0].breakpoints, [1000, 1370, 3000], atol=1e-3)
+    write(result, project, tmp_path / "results")
+    written = json.loads((tmp_path / "results" / "parameters.json").read_text())
+    assert written["Gain"]["x"][1] == pytest.approx(1370, abs=1e-3)
+    moved = json.loads((tmp_path / "results" / "result.json").read_text())["breakpoints"]["Gain.x"]
+    assert (moved["before"][1], moved["after"][1]) == (2000.0, written["Gain"]["x"][1])
+    assert result.quality[0].rmse_after < 1e-4
+
+
+def test_pins_and_gradients_go_with_free_breakpoints(shop):
+    speed = np.linspace(1000, 3000, 201)
+    load = 10.0 + np.arange(speed.size) % 4
+    torque = np.interp(speed, [1000, 1370, 2600, 3000], [1, 2, 2.5, 4]) * load + 5
+    shop.bench("bench.csv", speed, **{"Load": load, "Torque [Nm]": torque})
+    more = "initial = 1.0\npin = [{ at = [1000], value = 1.0 }]\ngradient = { x = [0, 0.0025] }"
+    gain(shop, "{ begin = 1000, end = 3000, count = 5, free = true }", more)
+    result = shop.project.calibrate()
+    table = result.parameters["Gain"]
+    slopes = np.diff(table.values) / np.diff(table.axes[0].breakpoints)
+    assert slopes.min() >= -1e-12
+    assert slopes.max() <= 0.0025 * (1 + 1e-8)
+    assert table.values[0] == pytest.approx(1.0, abs=1e-9)
+    assert "Gain.x" in result.moved
+    (pressed,) = pressing(shop.project.problem(), result.parameters)
+    assert len(pressed.active) == np.count_nonzero(np.abs(slopes - 0.0025) < 1e-9) > 0
+
+
+def test_the_result_of_parameters_from_a_file_still_tells_what_moved(shop):
+    shop.values(
+        "start.json", Curve("Gain", Axis([1000, 2000, 3000], name="AxisSpeed"), [1.0] * 3), Scalar("offset", 0.0)
+    )
+    result = gain(shop, '{ breakpoints = "free" }').project.calibrate()
+    result.parameters.save(shop.folder / "end.json")
+    again = replace(result, parameters=read_parameters(shop.folder / "end.json"))
+    assert again.moved.keys() == result.moved.keys()
+    np.testing.assert_array_equal(again.moved["AxisSpeed"][1], result.moved["AxisSpeed"][1])
+
+
+def test_a_saved_search_goes_on_with_the_breakpoints_it_had(shop):
+    speed = np.linspace(1000, 3000, 201)
+    load = 10.0 + np.arange(speed.size) % 4
+    torque = np.interp(speed, [1000, 1370, 3000], [1, 2, 3]) * load + 5
+    shop.bench("bench.csv", speed, **{"Load": load, "Torque [Nm]": torque})
+    gain(shop, '{ breakpoints = "free" }').add("[optimizer]\nsave_every = 1")
+    first = shop.project.calibrate()
+    again = shop.project.calibrate(resume=True)
+    np.testing.assert_allclose(again.parameters["Gain"].axes[0].breakpoints, [1000, 1370, 3000], atol=1e-3)
+    assert again.cost_after <= first.cost_after * (1 + 1e-6) + 1e-12
+    assert len(again.trace) < len(first.trace)

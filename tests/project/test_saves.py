@@ -1,0 +1,269 @@
+"""States of a search in the results folder, and going on from them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kennfeld import InputError, Stop, read_parameters
+from kennfeld.calfiles import describe
+from kennfeld.project import Project
+from kennfeld.project.saves import Saves
+
+TEXT = "input x\nm = a * exp(b * x) + C(x)\n"
+TOML = """\
+model.file = "m.kf"
+[[dataset]]
+files = "d.csv"
+[[criterion]]
+node = "m"
+target = "y"
+[parameters.a]
+initial = 3.0
+[parameters.b]
+initial = 1.0
+bounds = [-3, 3]
+[parameters.C]
+x = { input = "x", breakpoints = [0, 1, 2, 3, 4] }
+initial = 0.1
+smoothness = 1.0
+lock = [{ x = [0, 0] }]
+"""
+
+
+@pytest.fixture
+def make(tmp_path):
+    """Write the project, with sections added to its file."""
+    x = np.linspace(0, 4, 60)
+    y = 2 * np.exp(-1.3 * x) + np.sin(x)
+    rows = "\n".join(f"{a},{b}" for a, b in zip(x, y, strict=True))
+    (tmp_path / "d.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
+    (tmp_path / "m.kf").write_text(TEXT, encoding="utf-8")
+
+    def made(*sections):
+        (tmp_path / "kennfeld.toml").write_text("\n".join([TOML, *sections]), encoding="utf-8")
+        return Project.read(tmp_path / "kennfeld.toml")
+
+    return made
+
+
+SAVING = "[optimizer]\nsave_every = 2"
+
+
+def after(count):
+    """A progress that stops after so many steps."""
+    seen = []
+
+    def watch(line):
+        seen.append(line)
+        if len(seen) >= count:
+            raise Stop
+
+    return watch
+
+
+def names(tmp_path):
+    return sorted(path.name for path in (tmp_path / "results" / "saves").iterdir() if path.is_file())
+
+
+def test_every_nth_accepted_set_is_kept_and_the_end(make, tmp_path):
+    result = make(SAVING).calibrate()
+    expected = [f"1-{i:06d}.json" for i in range(2, result.iterations + 1, 2)]
+    assert names(tmp_path) == [*expected, "1-end.json"]
+    last = read_parameters(tmp_path / "results" / "saves" / "1-end.json")
+    assert last["C"].values.tolist() == result.parameters["C"].values.tolist()
+
+
+def test_nothing_is_kept_unless_asked_for(make, tmp_path):
+    make().calibrate()
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_state_is_a_calibration_file_like_any_other(make, tmp_path):
+    make(SAVING).calibrate()
+    path = tmp_path / "results" / "saves" / "1-000002.json"
+    assert {p.name for p in describe(path).parameters} == {"a", "b", "C"}
+    (simulated,) = make().simulate(read_parameters(path))
+    assert np.all(np.isfinite(simulated["m"].values))
+
+
+def test_a_stopped_search_goes_on_from_its_best_state(make, tmp_path):
+    whole = make(SAVING).calibrate()
+    stopped = make(SAVING).calibrate(after(5))
+    assert stopped.status == "stopped"
+    assert names(tmp_path) == ["1-000002.json", "1-000004.json"]
+    result = make(SAVING).calibrate(resume=True)
+    assert result.status == "converged"
+    assert result.resumed == ("saves/1-000004.json",)
+    assert "Resumed from saves/1-000004.json." in result.message
+    assert "changed" not in result.message
+    assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-9)
+    assert result.cost_before == whole.cost_before
+    assert result.trace[0].cost <= stopped.trace[3].cost
+    assert result.as_json()["resumed"] == ["saves/1-000004.json"]
+    assert names(tmp_path)[:3] == ["1-000002.json", "1-000004.json", "1-000006.json"]
+    assert "1-end.json" in names(tmp_path)
+
+
+def test_locked_values_are_those_of_the_project(make, monkeypatch):
+    monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("initial = 0.1\n", ""))
+    make("initial = 0.1", SAVING).calibrate(after(5))
+    result = make("initial = 0.3", SAVING).calibrate(resume=True)
+    assert result.parameters["C"].values[0] == 0.3
+
+
+def test_a_search_that_had_come_to_its_end_has_nothing_left_to_do(make):
+    result = make(SAVING).calibrate()
+    lines = []
+    again = make(SAVING).calibrate(lines.append, resume=True)
+    assert lines == []
+    assert again.cost_after == result.cost_after
+    assert again.starts == result.starts
+
+
+def test_a_search_that_ran_out_of_iterations_goes_on(make):
+    short = make(f"{SAVING}\nmax_iterations = 2").calibrate()
+    assert short.status == "max_iterations"
+    result = make(SAVING).calibrate(resume=True)
+    assert result.status == "converged"
+    assert result.cost_after < short.cost_after
+
+
+def test_an_end_that_was_gone_on_from_is_a_state_among_others(make, tmp_path):
+    make(f"{SAVING}\nmax_iterations = 3").calibrate()
+    assert names(tmp_path) == ["1-000002.json", "1-end.json"]
+    make(SAVING).calibrate(after(2), resume=True)
+    assert names(tmp_path) == ["1-000002.json", "1-000003.json", "1-000004.json"]
+    found = make(SAVING).saves().found().states[1]
+    costs = [json_note(tmp_path, name)["cost"] for name in names(tmp_path)]
+    assert found.cost == min(costs)
+
+
+def json_note(tmp_path, name):
+    content = json.loads((tmp_path / "results" / "saves" / name).read_text(encoding="utf-8"))
+    return json.loads(content["kennfeld_save"]["text"])
+
+
+def test_other_data_are_noticed_although_the_project_file_stayed(make, tmp_path):
+    first = make(SAVING).calibrate()
+    path = tmp_path / "d.csv"
+    x, y = np.loadtxt(path, delimiter=",", skiprows=1).T
+    path.write_text("x,y\n" + "\n".join(f"{a},{b + 0.3}" for a, b in zip(x, y, strict=True)), encoding="utf-8")
+    lines = []
+    again = make(SAVING).calibrate(lines.append, resume=True)
+    assert lines
+    assert again.parameters["a"].value != first.parameters["a"].value
+
+
+def test_a_changed_project_file_is_said(make):
+    make(SAVING).calibrate(after(5))
+    project = make(SAVING, "# a word")
+    (finding,) = project.saves().found().findings
+    assert finding.severity == "warning"
+    assert "kennfeld.toml: has changed since" in project.calibrate(resume=True).message
+
+
+def test_tables_of_another_size_cannot_be_resumed(make):
+    make(SAVING).calibrate(after(5))
+    project = make(SAVING)
+    text = project.path.read_text(encoding="utf-8").replace("[0, 1, 2, 3, 4]", "[0, 2, 4]")
+    project.path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"saves/1-000004.json: C has values of shape \[5\].*asks for \[3\]"):
+        Project.read(project.path).calibrate(resume=True)
+
+
+def test_without_a_state_there_is_nothing_to_resume(make):
+    with pytest.raises(InputError, match=r"holds no saved state.*Set save_every"):
+        make().calibrate(resume=True)
+
+
+@pytest.mark.parametrize("content", [b"", b'{"a": {"kind": "sca', b"\0\0\0\0", b"[]", b"{}"])
+def test_a_half_written_state_is_left_out(make, tmp_path, content):
+    make(SAVING).calibrate(after(5))
+    (tmp_path / "results" / "saves" / "1-000004.json").write_bytes(content)
+    project = make(SAVING)
+    (finding,) = project.saves().found().findings
+    assert finding.place == "saves/1-000004.json"
+    assert project.calibrate(resume=True).resumed == ("saves/1-000002.json",)
+
+
+def test_a_new_search_puts_the_states_of_the_one_before_aside_and_nothing_else(make, tmp_path):
+    make(SAVING).calibrate()
+    before = names(tmp_path)
+    mine = tmp_path / "results" / "saves" / "notes.json"
+    mine.write_text("{}", encoding="utf-8")
+    make(SAVING).calibrate(after(3))
+    assert names(tmp_path) == ["1-000002.json", "notes.json"]
+    aside = tmp_path / "results" / "saves" / "before"
+    assert sorted(path.name for path in aside.iterdir()) == before
+    make(SAVING).calibrate(after(1))
+    assert names(tmp_path) == ["1-000002.json", "notes.json"]
+    make(SAVING).calibrate(after(3))
+    assert [path.name for path in aside.iterdir()] == ["1-000002.json"]
+
+
+def test_what_cannot_change_is_not_saved(make, tmp_path):
+    make(SAVING, "[calibration]\nfree = ['a', 'b']").calibrate()
+    assert set(read_parameters(tmp_path / "results" / "saves" / "1-end.json")) == {"a", "b"}
+
+
+def test_a_step_added_to_a_finished_sequence_is_gone_through(make):
+    make("[[step]]\nfree = ['a']", SAVING).calibrate()
+    result = make("[[step]]\nfree = ['a']\n[[step]]\nname = 'more'\nfree = ['a', 'b']", SAVING).calibrate(resume=True)
+    assert {line.stage.split(":")[0] for line in result.trace} == {"more"}
+
+
+def test_a_sequence_goes_on_in_the_step_that_it_was_in(make, tmp_path):
+    sequence = "[[step]]\ngrid_reduction = 2\n[[step]]\nname = 'fine'"
+    whole = make(sequence, SAVING).calibrate()
+    count = sum(line.stage.startswith("step 1") for line in whole.trace)
+    make(sequence, SAVING).calibrate(after(count + 1))
+    state = make(sequence, SAVING).saves().found().states[1]
+    assert state.step == 2
+    result = make(sequence, SAVING).calibrate(resume=True)
+    assert {line.stage.split(":")[0] for line in result.trace} == {"fine"}
+    assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
+
+
+def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
+    sequence = "[[step]]\ngrid_reduction = 2\n[[step]]\nname = 'fine'"
+    whole = make(sequence, SAVING).calibrate()
+    stopped = make(sequence, SAVING).calibrate(after(3))
+    assert stopped.status == "stopped"
+    result = make(sequence, SAVING).calibrate(resume=True)
+    assert result.trace[0].stage.startswith("step 1")
+    assert result.trace[0].cost <= stopped.trace[1].cost
+    assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_of_several_starts_those_at_their_end_are_done(make, workers):
+    several = f"{SAVING}\nstarts = 4\nspread = 0.2"
+    whole = make(several).calibrate(workers=workers)
+    seen = []
+
+    def watch(line):
+        seen.append(line)
+        if line.start == 3:
+            raise Stop
+
+    make(several).calibrate(watch, workers=workers)
+    result = make(several).calibrate(workers=workers, resume=True)
+    assert result.resumed
+    assert [row.status for row in result.starts] == [row.status for row in whole.starts]
+    assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
+    assert [row.cost_before for row in result.starts] == [row.cost_before for row in whole.starts]
+
+
+def test_a_state_that_cannot_be_written_does_not_end_the_search(make, tmp_path):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "saves").write_text("a file", encoding="utf-8")
+    result = make(SAVING).calibrate()
+    assert result.status == "converged"
+    assert "states could not be saved" in result.message
+
+
+def test_the_folder_may_be_another_one(make, tmp_path):
+    make(SAVING).calibrate(folder=tmp_path / "other")
+    assert (tmp_path / "other" / "saves" / "1-end.json").exists()
+    assert isinstance(make(SAVING).saves(tmp_path / "other"), Saves)

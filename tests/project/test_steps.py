@@ -1,0 +1,134 @@
+"""`[[step]]` of a project file, from its text to the steps that are run."""
+
+import numpy as np
+import pytest
+
+from kennfeld.optimize import Step
+
+
+@pytest.fixture
+def shop(shop):
+    """The workshop with a map beside its curve."""
+    shop.text = (
+        "input Speed[rpm]\ninput Load\n"
+        "base[Nm] = Gain(Speed) * Load + Table(Speed, Load)\nPredict[Nm] = base + offset\nother = base\n"
+    )
+    return shop.add(
+        "[parameters.Table]\nx = { input = 'Speed', breakpoints = [1000, 1500, 2000, 2500, 3000] }\n"
+        "y = { input = 'Load', breakpoints = [10, 11, 12, 13] }\ninitial = 0.0\nsmoothness = 1.0"
+    )
+
+
+def steps(shop, *texts):
+    """The steps of a project that has no error."""
+    for text in texts:
+        shop.add(f"[[step]]\n{text}")
+    assert shop.errors() == []
+    return shop.project.options.steps
+
+
+def test_a_project_without_steps_has_none(shop):
+    assert shop.project.options.steps == ()
+
+
+def test_every_key_reaches_the_step(shop):
+    (step,) = steps(
+        shop,
+        "name = 'coarse'\nfree = ['Gain', 'Ta*']\nsmoothness = 3\ngrid_reduction = 2\ncriteria = ['Predict']\n"
+        "max_iterations = 7\ntolerance = 1e-4\ncontinuation = 'off'\nlock = { Gain = true }",
+    )
+    assert step == Step("coarse", ("Gain", "Ta*"), {"Gain": True}, 3, 2, ("Predict",), 7, 1e-4, "off")
+
+
+def test_a_step_may_say_nothing(shop):
+    assert steps(shop, "", "") == (Step(), Step())
+
+
+def test_numbers_may_be_given_by_parameter_and_axis(shop):
+    (step,) = steps(
+        shop, "grid_reduction = { Table = { x = 2 }, Gain = 3 }\nsmoothness = { '*' = 1, Table = { x = 1, y = 0.5 } }"
+    )
+    problem = shop.project.problem()
+    assert step.reduction(problem.parameters["Table"]) == (2, 1)
+    assert step.reduction(problem.parameters["Gain"]) == (3,)
+    assert step.smoothness == {"*": 1.0, "Table": (1.0, 0.5)}
+
+
+def test_criteria_may_have_weights_by_node_or_number(shop):
+    shop.add("[[criterion]]\nnode = 'other'\ntarget = 3.0")
+    first, second = steps(shop, "criteria = { Predict = 0.5, 2 = 1 }", "criteria = [2]")
+    assert first.criteria == {"Predict": 0.5, 2: 1.0}
+    assert second.criteria == (2,)
+
+
+def test_locks_are_ranges_of_axis_values_or_what_no_data_touch(shop):
+    shop.bench("bench.csv", (1000, 1100, 1200, 1300))
+    (step,) = steps(shop, "lock = { Table = [{ x = [1000, 1500], y = [0, 11] }], Gain = 'no-data' }")
+    expected = np.zeros((5, 4), bool)
+    expected[:2, :2] = True
+    assert np.array_equal(step.lock["Table"], expected)
+    assert step.lock["Gain"].tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("grid_reduction = 0", "[[step]] 1 grid_reduction: 0 must be a whole number from 1 on"),
+        ("grid_reduction = 1.5", "[[step]] 1 grid_reduction: 1.5 must be a whole number from 1 on"),
+        (
+            "grid_reduction = { Tabel = 2 }",
+            "[[step]] 1 grid_reduction: Tabel matches no parameter. Did you mean Table?",
+        ),
+        ("grid_reduction = { Gain = { y = 2 } }", "grid_reduction Gain: Gain has no axis y. It has x."),
+        ("smoothness = -1", "[[step]] 1 smoothness: -1 must be a number from 0 on"),
+        ("smoothness = { Table = { q = 1 } }", "smoothness Table q: is no key that a project file knows"),
+        ("free = ['Gian']", "[[step]] 1 free: Gian matches no parameter that the function uses. Did you mean Gain?"),
+        ("free = []", "[[step]] 1 free: no parameter that the function uses is free"),
+        ("lock = 'no-data'", "[[step]] 1 lock: 'no-data' is no table. Write lock = { ... }."),
+        ("lock = { Gain = 3 }", "[[step]] 1 lock Gain: 3 is no lock"),
+        ("lock = { Gain = [{ y = [0, 1] }] }", "[[step]] 1 lock Gain: Gain has no axis y"),
+        ("lock = { Gian = true }", "[[step]] 1 lock: Gian matches no parameter. Did you mean Gain?"),
+        ("criteria = ['Predct']", "there is no criterion on Predct. Did you mean Predict?"),
+        ("criteria = [2]", "[[step]] 1 criteria: there is no criterion 2. They are counted from 1 to 1."),
+        ("criteria = [true]", "[[step]] 1 criteria: [True] names no criteria"),
+        ("criteria = { Predict = 0 }", "[[step]] 1 criteria: no criterion has a weight above 0"),
+        ("criteria = { Predict = 'much' }", "[[step]] 1 criteria Predict: 'much' is no number"),
+        ("max_iterations = 0", "[[step]] 1 max_iterations: 0 must be a whole number from 1 on"),
+        ("tolerance = 0", "[[step]] 1 tolerance: 0 must be a number above 0"),
+        ("continuation = 'on'", "[[step]] 1 continuation: 'on' is unknown"),
+        ("grid_reducton = 2", "grid_reducton: is no key that a project file knows. Did you mean grid_reduction?"),
+    ],
+)
+def test_what_is_wrong_is_said_once_with_its_place(shop, text, said):
+    shop.add(f"[[step]]\n{text}\n[[step]]")
+    assert said in shop.error()
+
+
+def test_the_place_is_that_of_the_step(shop):
+    shop.add("[[step]]\n[[step]]\nfree = ['Gian']\n[[step]]\ncriteria = ['x']")
+    first, second = shop.errors()
+    assert first.startswith("kennfeld.toml [[step]] 2 free")
+    assert second.startswith("kennfeld.toml [[step]] 3 criteria")
+
+
+def test_a_sequence_that_ends_on_a_coarse_grid_is_warned_of(shop):
+    shop.bench("bench.csv", np.linspace(1000, 3000, 40))
+    shop.add("[[step]]\n[[step]]\ngrid_reduction = 2")
+    assert "[[step]] 2: the sequence ends on a coarse grid" in shop.warning()
+
+
+def test_the_steps_are_run(shop):
+    shop.bench("bench.csv", np.linspace(1000, 3000, 40))
+    shop.add("[[step]]\nfree = ['offset']\n[[step]]\nname = 'all'\ngrid_reduction = 2\n[[step]]")
+    result = shop.project.calibrate()
+    names = list(dict.fromkeys(line.stage.split(":")[0] for line in result.trace))
+    assert names[:2] == ["step 1", "all"]
+    assert result.quality[0].rmse_after < 1e-3
+
+
+def test_the_starts_are_run(shop):
+    shop.bench("bench.csv", np.linspace(1000, 3000, 40))
+    shop.add("[optimizer]\nstarts = 3\nseed = 2\nspread = 0.1")
+    options = shop.project.options
+    assert (options.starts, options.seed, options.spread) == (3, 2, 0.1)
+    assert len(shop.project.calibrate(workers=1).starts) == 3

@@ -1,0 +1,185 @@
+"""Whole reports: of the projects in `conftest.py`, what every one has to hold."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from report_projects import limited
+
+from kennfeld import InputError
+from kennfeld.project import Project
+from kennfeld.project.results import write
+from kennfeld.report import document, from_folder, safely
+
+
+def test_every_report_stands_alone_and_says_what_the_result_says(project, opened):
+    result = project.calibrate()
+    page = opened(document(project, result, project.check()))
+    assert page.addresses
+    assert all(address.startswith("#") for address in page.addresses)
+    assert "link" not in page.tags
+    assert "img" not in page.tags
+    assert "default-src 'none'" in page.policy
+    assert page.data["result"] == json.loads(json.dumps(result.as_json()))
+    assert result.status in page.words_in_a_row
+    for row in result.quality:
+        if row.samples and np.isfinite(row.rmse_after):
+            assert f"{row.rmse_after:.4g}"[:5] in page.words_in_a_row
+
+
+def test_every_report_can_be_made_before_a_calibration(project, opened):
+    page = opened(document(project))
+    assert page.data["result"] is None
+    assert "Nothing has been calibrated yet" in page.words_in_a_row
+    assert "not calibrated yet" in page.words_in_a_row
+
+
+def test_the_report_of_a_folder_equals_the_one_of_the_run(project, tmp_path, opened):
+    result = project.calibrate()
+    direct = opened(document(project, result, project.check()))
+    write(result, project, tmp_path / "results", {"report.html": direct.text})
+    again = opened(from_folder(Project.read(project.path), tmp_path / "results"))
+    assert again.data["result"] == direct.data["result"]
+    for one, other in zip(again.data["figures"], direct.data["figures"], strict=True):
+        if one["kind"] == "parameter":
+            assert (one["name"], one["after"], one["before"]) == (other["name"], other["after"], other["before"])
+    assert (tmp_path / "results" / "report.html").read_text(encoding="utf-8") == direct.text
+
+
+def test_parameters_come_in_the_order_of_their_change(shop, opened):
+    toml = "".join(
+        f"[parameters.{n}]\nx = {{ breakpoints = [0, 10] }}\ninitial = {v}\n" for n, v in (("A", 5), ("B", 5))
+    )
+    data = {"x": np.linspace(0, 10, 50), "m": np.full(50, 5.0), "u": np.full(50, 50.0)}
+    criterion = '\n[[criterion]]\nnode = "y"\ntarget = "m"\n[[criterion]]\nnode = "z"\ntarget = "u"\n'
+    project = shop.project("y = A(x)\nz = B(x)\n", toml, data, criterion=criterion)
+    page = opened(document(project, project.calibrate()))
+    assert [figure["name"] for figure in page.figures("parameter")] == ["B", "A"]
+
+
+NASTY = '<script>alert("x")</script>&\'"'
+
+
+def test_names_cannot_become_markup(shop, opened):
+    text = f"y = M(%{NASTY}%)\n"
+    toml = '[parameters.M]\nx = { breakpoints = [0, 10] }\ninitial = 0\nunit = "<b>"\n'
+    toml += f'description = """{NASTY} </script>"""\n'
+    data = {'"' + NASTY.replace('"', '""') + '"': [1.0, 2.0, 3.0], "m": [1.0, 2.0, 4.0]}
+    project = shop.project(text, toml, data)
+    page = opened(document(project, project.calibrate(), project.check()))
+    assert page.tags.count("script") == 6
+    assert NASTY in page.words_in_a_row
+    assert page.figures("parameter")[0]["unit"] == "<b>"
+    assert page.figures("parameter")[0]["axes"][0]["title"] == NASTY
+
+
+def test_a_long_recording_makes_no_large_report(shop, opened):
+    rng = np.random.default_rng(0)
+    count = 300_000
+    x = rng.uniform(0, 10, count)
+    project = shop.project(
+        "y = C(x)\n",
+        '[parameters.C]\nx = { input = "x", count = 5 }\ninitial = 0\n',
+        {"time [s]": np.arange(count) * 0.01, "x": x.round(3), "m": (x + rng.normal(size=count)).round(3)},
+    )
+    page = opened(document(project, project.calibrate()))
+    assert len(page.text) < 900_000
+    (strip,) = page.figures("strip")
+    assert not strip["whole"]
+    assert len(strip["x"]) == len(strip["error"]) <= 4002
+    (scatter,) = page.figures("scatter")
+    assert len(scatter["measured"]) <= 3020
+    assert sum(page.figures("histograms")[0]["own"]["after"]["counts"]) == count
+
+
+def test_many_datasets_share_the_room(shop, opened):
+    for i in range(40):
+        rng = np.random.default_rng(i)
+        shop.csv(f"part_{i:02}.csv", {"x": rng.uniform(0, 9, 5000), "m": rng.normal(size=5000)})
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "m": [1.0]})
+    toml = project.path.read_text(encoding="utf-8")
+    toml += "".join(f'[[dataset]]\nfiles = ["part_{i:02}.csv"]\n' for i in range(40))
+    project.path.write_text(toml, encoding="utf-8")
+    project = Project.read(project.path)
+    text = document(project, project.calibrate())
+    assert len(opened(text).figures("strip")) == 41
+    assert len(text) < 3_000_000
+
+
+def test_limits_that_press_are_told(shop, opened):
+    project = limited(shop)
+    words = opened(document(project, project.calibrate())).words_in_a_row
+    assert "slope along x from 0 to 1.1" in words
+    assert "C, k equality C(0) + " in words
+    assert "y - z -∞ to 11 x > 2" in words
+
+
+def test_a_stale_result_is_told(shop, opened, tmp_path):
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "m": [1.0, 2, 4]})
+    write(project.calibrate(), project, tmp_path / "results")
+    shop.csv("bench.csv", {"x": [1.0, 2, 3], "m": [5.0, 2, 4]})
+    page = opened(from_folder(Project.read(project.path), tmp_path / "results"))
+    assert "cannot be reproduced" in page.words_in_a_row
+
+
+class TestFolder:
+    @pytest.fixture
+    def project(self, shop):
+        return shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "m": [1.0, 2, 4]})
+
+    def test_without_a_result_gives_the_start(self, project, tmp_path, opened):
+        assert opened(from_folder(project, tmp_path / "results")).data["result"] is None
+
+    @pytest.mark.parametrize("name", ["result.json", "parameters.json", "trace.csv"])
+    def test_that_lacks_a_file_is_named(self, project, tmp_path, name):
+        write(project.calibrate(), project, tmp_path / "results")
+        (tmp_path / "results" / name).unlink()
+        with pytest.raises(InputError, match=rf"{name}: there is no such file.*calibrate again"):
+            from_folder(project, tmp_path / "results")
+
+    @pytest.mark.parametrize(
+        ("name", "content", "said"),
+        [
+            ("result.json", "{}", "is no result of a run"),
+            ("result.json", "[", "is no result of a run"),
+            ("result.json", '{"quality": [{}]}', "is no result of a run"),
+            ("trace.csv", "a,b\n1,2\n", "is no trace of a run"),
+            ("parameters.json", '{"b": {"kind": "scalar", "unit": "", "value": 1}}', "no parameter a"),
+            ("parameters.json", '{"a": {"kind": "curve", "unit": "", "x": [0, 1], "values": [1, 2]}}', "has 1 axes"),
+        ],
+    )
+    def test_with_a_damaged_file_is_named(self, project, tmp_path, name, content, said):
+        write(project.calibrate(), project, tmp_path / "results")
+        (tmp_path / "results" / name).write_text(content, encoding="utf-8")
+        with pytest.raises(InputError, match=said):
+            from_folder(project, tmp_path / "results")
+
+
+def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "m": [1.0]})
+    result = project.calibrate()
+
+    def fails(*_):
+        raise ZeroDivisionError("<so>")
+
+    monkeypatch.setattr("kennfeld.report.making.page", fails)
+    text = safely(project, result)
+    assert "could not be made" in text
+    assert "ZeroDivisionError: &lt;so&gt;" in text
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs the browser chromium")
+def test_a_browser_draws_every_picture(project, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_text(document(project, project.calibrate(), project.check()), encoding="utf-8")
+    command = [
+        *("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1300,9000"),
+        *("--virtual-time-budget=4000", f"--user-data-dir={tmp_path / 'browser'}", "--dump-dom", path.as_uri()),
+    ]
+    dom = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    assert 'data-ready="yes"' in dom
+    assert re.findall('data-failed="[^"]*"', dom) == []
+    assert dom.count('data-drawn="yes"') >= 3

@@ -1,0 +1,79 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from kennfeld.report.decimation import Envelope, histogram, some
+from kennfeld.report.markup import element, table
+from kennfeld.report.numbers import percent, rounded, shown
+
+FLOATS = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(arrays(np.float64, array_shapes(max_dims=3, max_side=5), elements=FLOATS))
+def test_rounded_numbers_are_close_and_fit_json(values):
+    text = json.dumps(rounded(values), allow_nan=False)
+    back = np.array(json.loads(text), dtype=object).astype(np.float64)
+    assert back.shape == values.shape
+    known = np.isfinite(values) & (np.abs(values) > 1e-290) & (np.abs(values) < 1e290)
+    np.testing.assert_allclose(back[known], values[known], rtol=1e-4)
+    assert np.isnan(back[~np.isfinite(values)]).all()
+
+
+@given(st.floats(1e-4, 9e6), st.booleans())
+def test_shown_numbers_have_four_digits(value, negative):
+    text = shown(-value if negative else value)
+    assert float(text) == pytest.approx(-value if negative else value, rel=6e-4)
+    assert len(text.replace("-", "").replace(".", "").lstrip("0")) <= 7
+
+
+@given(FLOATS)
+def test_every_number_can_be_shown(value):
+    assert isinstance(shown(value), str)
+    assert isinstance(percent(value), str)
+    assert math.isfinite(value) or shown(value) == "–"
+
+
+@given(arrays(np.float64, st.integers(0, 400), elements=FLOATS), st.integers(2, 60))
+def test_an_envelope_keeps_extremes_within_its_size(values, most):
+    groups = Envelope(values.size, most)
+    trace = groups.trace(values)
+    assert trace.size <= max(most + 2, 2)
+    assert groups.places(np.arange(float(values.size))).size == trace.size
+    if not np.isnan(values).all():
+        assert np.nanmax(trace) == np.nanmax(values)
+        assert np.nanmin(trace) == np.nanmin(values)
+    else:
+        assert np.isnan(trace).all()
+
+
+@given(st.integers(0, 500), st.integers(1, 50), st.lists(st.integers(0, 499), max_size=5))
+def test_some_samples_hold_those_that_must_be_there(count, most, always):
+    always = [i for i in always if i < count]
+    chosen = some(count, most, always)
+    assert len(chosen) <= max(most + len(always), min(count, most))
+    assert set(always) <= set(chosen.tolist()) or count <= most
+    assert (np.diff(chosen) > 0).all()
+
+
+@given(arrays(np.float64, st.integers(0, 100), elements=FLOATS))
+def test_a_histogram_loses_no_finite_number(values):
+    assert histogram(values, (-1.0, 1.0), 7).sum() == np.isfinite(values).sum()
+
+
+@given(st.text(), st.text())
+def test_markup_escapes_whatever_stands_in_it(text, title):
+    import html
+
+    made = element("p", text, title=title)
+    assert made.count("<") == 2
+    assert html.unescape(made) == f'<p title="{title}">{text}</p>'
+
+
+def test_a_table_puts_numbers_to_the_right():
+    made = table(["name", "x"], [["a<b", "1"]])
+    assert '<td>a&lt;b</td><td class="number">1</td>' in made

@@ -1,0 +1,120 @@
+import json
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from kennfeld.project.results import write
+from kennfeld.report import document, from_folder
+from kennfeld.report.trust import TrustView, view
+
+
+@dataclass
+class Direction:
+    sentence: str
+    remedy: str
+
+
+@dataclass
+class Trust:
+    informed: dict = field(default_factory=dict)
+    samples: dict = field(default_factory=dict)
+    deviation: dict = field(default_factory=dict)
+    leverage: dict = field(default_factory=dict)
+    by_smoothness: dict = field(default_factory=dict)
+    directions: tuple = ()
+    noise: float = 1.0
+
+
+def test_a_mapping_marks_the_informed_values_alone():
+    informed = {"a": np.array([True, False])}
+    assert view(informed) == TrustView(informed=informed)
+
+
+@pytest.mark.parametrize("trust", [None, object()])
+def test_what_is_not_there_is_not_shown(trust):
+    assert view(trust) == TrustView()
+
+
+def calibrated(shop, trust):
+    toml = (
+        '[parameters.C]\nx = { input = "x", begin = 0, end = 4, count = 3 }\ninitial = 1\n[parameters.k]\ninitial = 0\n'
+    )
+    project = shop.project("y = C(x) + k\n", toml, {"x": np.tile([0.5, 1.5, 2.0], 9), "m": np.arange(27.0) % 5})
+    return project, replace(project.calibrate(), trust=trust)
+
+
+def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
+    trust = Trust(
+        informed={"C": np.array([True, True, False]), "k": np.array(True)},
+        samples={"C": np.array([9, 27, 0])},
+        deviation={"C": np.array([0.25, 0.0, np.inf]), "k": np.array(np.inf)},
+        leverage={"C": np.array([0.9, 1.0, 0.0])},
+        by_smoothness={"C": np.array([False, False, True])},
+        directions=(Direction("Adding 1 to C and -1 to k changes nothing.", "Pin <one> value of C."),),
+    )
+    page = opened(document(*calibrated(shop, trust)))
+    (figure,) = page.figures("parameter")
+    assert figure["deviation"] == [0.25, 0.0, -1]
+    assert figure["samples"] == [9, 27, 0]
+    assert figure["informed"] == [1, 1, 0]
+    assert figure["bySmoothness"] == [0, 0, 1]
+    assert "Adding 1 to C and -1 to k changes nothing. Pin <one> value of C." in page.words_in_a_row
+    assert "not determined" in page.words_in_a_row
+    assert "studentized" in page.words_in_a_row
+
+
+def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
+    page = opened(document(*calibrated(shop, {})))
+    (figure,) = page.figures("parameter")
+    assert figure["samples"] == [18, 27, 0]
+    assert (figure["deviation"], figure["informed"], figure["bySmoothness"]) == (None, None, None)
+    assert "standardised" in page.words_in_a_row
+
+
+def test_arrays_of_another_shape_are_left_out(shop, opened):
+    page = opened(document(*calibrated(shop, Trust(deviation={"C": np.zeros(7)}))))
+    assert page.figures("parameter")[0]["deviation"] is None
+
+
+class TestStored:
+    """In the folder of a run."""
+
+    HEAD = "parameter,x,y,z,w,value,unit,deviation,scatter,samples,leverage,informed,by_smoothness\n"
+    LINES = (
+        "C,0,,,,1,,0.25,0.2,9,0.9,1,0",
+        "C,2,,,,1,,inf,0,27,0,0,0",
+        "C,4,,,,1,,,0,0,0,1,1",
+        "k,,,,,0,,0.5,0.5,27,1,1,0",
+    )
+    DIRECTIONS = ({"sentence": "This changes nothing.", "remedy": "Pin it."},)
+
+    @pytest.fixture
+    def folder(self, shop, tmp_path):
+        project, result = calibrated(shop, {})
+        self.project = project
+        write(result, project, tmp_path / "results")
+        found = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))
+        found["trust"] = {"directions": list(self.DIRECTIONS)}
+        (tmp_path / "results" / "result.json").write_text(json.dumps(found), encoding="utf-8")
+        (tmp_path / "results" / "trust.csv").write_text(self.HEAD + "\n".join(self.LINES) + "\n", encoding="utf-8")
+        return tmp_path / "results"
+
+    def test_is_read_back(self, folder, opened):
+        page = opened(from_folder(self.project, folder))
+        (figure,) = page.figures("parameter")
+        assert figure["deviation"] == [0.25, -1, None]
+        assert figure["samples"] == [9, 27, 0]
+        assert figure["informed"] == [1, 0, 1]
+        assert figure["bySmoothness"] == [0, 0, 1]
+        assert "This changes nothing. Pin it." in page.words_in_a_row
+        assert "studentized" in page.words_in_a_row
+
+    @pytest.mark.parametrize(
+        "content", ["", "a,b\n1,2\n", HEAD + "C,0,,,,1,,x,0.2,9,0.9,1,0\n", HEAD + LINES[0] + "\n"]
+    )
+    def test_is_left_out_where_it_is_damaged_or_about_other_tables(self, folder, content, opened):
+        (folder / "trust.csv").write_text(content, encoding="utf-8")
+        (figure,) = opened(from_folder(self.project, folder)).figures("parameter")
+        assert figure["samples"] == [18, 27, 0]
+        assert figure["deviation"] is None
