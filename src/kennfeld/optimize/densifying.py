@@ -74,7 +74,8 @@ def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
         cells = parts.get(key, np.ones(len(axis.axis) - 1, dtype=np.int64))
         still = axis.axis.changed(breakpoints=densified(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
-            factors = list(smoothness.get(name) if name in tables else problem.factors(name))  # type: ignore[arg-type]
+            known = smoothness[name] if name in tables else problem.factors(name)
+            factors = [float(factor) for factor in known]  # type: ignore[union-attr]
             factors[which] *= (cells.sum() / max(cells.size, 1)) ** 4
             tables[name] = _on(tables.get(name, problem.parameters[name]), which, still)
             smoothness[name] = tuple(factors)
