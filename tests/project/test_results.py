@@ -56,7 +56,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
-        *("starts", "resumed", "trust"),
+        *("starts", "resumed", "trust", "smoothness", "shifts"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
