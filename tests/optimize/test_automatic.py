@@ -122,6 +122,32 @@ def test_stopping_keeps_the_best_values_so_far():
     assert result.cost_after < result.cost_before
 
 
+def test_several_starts_share_the_factors_and_the_account_is_whole():
+    result = fitted(noisy(100, 0.1), options=kf.Options(starts=3, workers=1))
+    spent = result.seconds
+    assert len(result.starts) == 3
+    assert result.smoothness["C"]["x"] > 0
+    assert spent.total == pytest.approx(spent.read + spent.compile + spent.optimize)
+    assert spent.optimize > 0
+    assert {line.stage for line in result.trace} >= {"smoothness 1", "plain"}
+
+
+def test_a_sequence_uses_the_factors_in_every_step():
+    steps = [kf.Step(name="coarse", grid_reduction=2), kf.Step(name="fine")]
+    result = fitted(noisy(150, 0.1), options=kf.Options(steps=steps))
+    assert result.status == "converged"
+    assert result.quality[1].rmse_after < 0.1
+    assert result.smoothness["C"]["x"] > 0
+
+
+def test_limits_of_outputs_and_of_slopes_hold_with_it():
+    data = noisy(200, 0.1, function=lambda x: np.sqrt(x))
+    rising = kf.calibrate("y = C(x)", data, curve(), target="wanted", smoothness="auto", limits={"y": (-9.0, 2.0)})
+    values = rising.parameters["C"].values
+    assert np.interp(data["x"], np.linspace(0, 6, 25), values).max() <= 2.0 + 1e-6
+    assert rising.smoothness["C"]["x"] > 0
+
+
 def test_the_same_choice_comes_from_the_same_data():
     data = noisy(100, 0.1)
     assert fitted(data).smoothness == fitted(data).smoothness

@@ -27,8 +27,11 @@ __all__ = ["decided"]
 Search = Callable[[Problem], Result]
 
 
-def decided(problem: Problem, options: Options, progress: Progress | None, search: Search) -> Result:
-    """Decide what the problem leaves open, and search with that; `search` calibrates a problem of numbers."""
+def decided(problem: Problem, options: Options, progress: Progress | None, read: float, search: Search) -> Result:
+    """Decide what the problem leaves open, and search with that; `search` calibrates a problem of numbers.
+
+    `read` is how long reading took, in s, for the account of the time.
+    """
     began = time.perf_counter()
     shifts: dict[str, dict[str, float]] = {}
     said = ""
@@ -38,8 +41,9 @@ def decided(problem: Problem, options: Options, progress: Progress | None, searc
             ready, shifts = with_shifts_found(problem)
         said = at_the_end(problem, shifts)
     result = _smoothed(ready, options, progress, search) if ready.automatic_names else search(ready)
-    total = time.perf_counter() - began + result.seconds.read
-    spent = replace(result.seconds, total=total, optimize=total - result.seconds.read - result.seconds.compile)
+    total = time.perf_counter() - began + read
+    compiling = result.seconds.compile
+    spent = Seconds(total, read, compiling, total - read - compiling)
     message = " ".join(part for part in (result.message, said) if part)
     return replace(result, shifts=shifts, message=message, seconds=spent)
 
@@ -116,6 +120,7 @@ class _Smoothing:
             iterations=iterations,
             evaluations=evaluations,
             smoothness=choice.by_direction,
+            seconds=result.seconds if before is None else before.seconds,
             starts=result.starts if before is None else before.starts,
             resumed=result.resumed if before is None else before.resumed,
         )

@@ -49,6 +49,7 @@ def run(
             problem,
             options,
             progress,
+            (seconds or Seconds()).read,
             lambda ready: run(ready, options, progress, seconds, keep=keep, resumed=resumed),
         )
     if options.starts == 1 and not (options.steps or options.save_every or resumed):
