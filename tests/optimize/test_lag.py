@@ -115,7 +115,7 @@ def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
     (own, error), (more, _) = found(0.0), found(3.4)
     assert own - more == pytest.approx(0.34, abs=0.015)
     without = kf.calibrate("y = PT1(M(speed, load), T)", data, start, target="NOx", smoothness={"M": 10.0})
-    assert error < 0.6 * without.quality[0].rmse_after
+    assert error < 0.9 * without.quality[0].rmse_after
 
 
 def test_a_channel_without_a_part_cannot_be_shifted():
