@@ -16,6 +16,7 @@ PROMISED = {
 NEEDED_WITH_THEM = {"Block", "Text", "Pin", "Region", "Settling", "Options", "Step", "Stop"} | {
     "InputError",
     "KennfeldError",
+    "cross_validate",
 }
 
 

@@ -14,6 +14,7 @@ TYPE_CHECKING = False  # type checkers take this name for true; the module `typi
 if TYPE_CHECKING:
     from typing import Any
 
+    from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.dataset import Channel, Dataset, Settling
     from kennfeld.errors import InputError, KennfeldError
@@ -51,6 +52,7 @@ __all__ = [
     "Stop",
     "Text",
     "calibrate",
+    "cross_validate",
     "formula",
     "read",
     "read_parameters",
@@ -60,6 +62,7 @@ __all__ = [
 __version__ = "0.1.0"
 
 _ROOMS = {
+    "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
     "dataset": ("Channel", "Dataset", "Settling"),
     "errors": ("InputError", "KennfeldError"),

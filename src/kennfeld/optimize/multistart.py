@@ -12,6 +12,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.graph.free_axes import labelled
 from kennfeld.optimize import calibration
 from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.deciding import decided
 from kennfeld.optimize.gauss_newton import Descent, Status
 from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.problem import Problem
@@ -43,6 +44,13 @@ def run(
     are saved states by the number of their start; those starts go on from there. Raises `InputError` where there is
     nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
     """
+    if problem.unknown_shifts or problem.automatic_names:
+        return decided(
+            problem,
+            options,
+            progress,
+            lambda ready: run(ready, options, progress, seconds, keep=keep, resumed=resumed),
+        )
     if options.starts == 1 and not (options.steps or options.save_every or resumed):
         result = calibration.run(problem, options, progress, seconds)
         return replace(result, starts=(_row(result),))

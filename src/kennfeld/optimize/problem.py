@@ -5,6 +5,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 
@@ -29,15 +30,17 @@ from kennfeld.parameters import ParameterSet
 __all__ = ["Compiled", "Problem", "smoothable"]
 
 MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
-Smoothness = Mapping[str, float | Sequence[float]]
+Factor = float | Literal["auto"]
+Smoothness = Mapping[str, Factor | Sequence[Factor]]
 
 
 @dataclass(frozen=True)
 class Problem:
     """Everything a calibration needs, with nothing computed yet.
 
-    `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis.
-    `channels` names the channel of a model input where the names differ.
+    `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
+    "auto" in its place. `channels` names the channel of a model input where the names differ. `unknown_shifts` names,
+    by dataset, the channels whose shift is to be found.
     """
 
     model: Model
@@ -50,6 +53,7 @@ class Problem:
     channels: Mapping[str, str] = field(default_factory=dict)
     constraints: tuple[Shape | Equality, ...] = ()
     limits: tuple[Limit, ...] = ()
+    unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -128,10 +132,22 @@ class Problem:
         return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
-        """Smoothness of each axis of a parameter."""
+        """Smoothness of each axis of a parameter; 0 where it is automatic, until it is chosen."""
+        return tuple(0.0 if factor == "auto" else float(factor) for factor in self._smoothness(name))
+
+    def automatic(self, name: str) -> tuple[bool, ...]:
+        """Whether the smoothness of each axis of a parameter is to be chosen."""
+        return tuple(factor == "auto" for factor in self._smoothness(name))
+
+    @cached_property
+    def automatic_names(self) -> tuple[str, ...]:
+        """The free parameters with an axis whose smoothness is to be chosen."""
+        return tuple(name for name in self.free_names if any(self.automatic(name)))
+
+    def _smoothness(self, name: str) -> Sequence[Factor]:
         given = self.smoothness.get(name, 0.0)
-        axes = len(self.parameters[name].axes)
-        return tuple(given) if isinstance(given, Sequence) else (float(given),) * axes
+        single = isinstance(given, str) or not isinstance(given, Sequence)
+        return (given,) * len(self.parameters[name].axes) if single else given  # type: ignore[return-value]
 
 
 def difference(criterion: int) -> str:

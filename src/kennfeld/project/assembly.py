@@ -82,6 +82,7 @@ class _Assembling:
         tables = None if initial is None else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
         self._check_datasets()
+        self._check_shifts()
         if tables is not None and self.function is not None:
             self._check_tables(tables, self.function)
         constraints = Constraints()
@@ -117,6 +118,7 @@ class _Assembling:
             channels=dict(self.file.channels),
             constraints=constraints.linear,
             limits=constraints.limits,
+            unknown_shifts=dict(self.loaded.unknown_shifts),
         )
 
     @property
@@ -204,6 +206,22 @@ class _Assembling:
                 what = f"the function needs time steps, but dataset {data.name} has no time stamps"
                 mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
                 self.findings.append(Finding(self.loaded.places[data.name], what, mend))
+
+    def _check_shifts(self) -> None:
+        """What stands in the way of finding a shift."""
+        step, sought = self._step(), self.loaded.unknown_shifts
+        training = {n for d in self.loaded.datasets if d.use == "training" for n in sought.get(d.name, ())}
+        for data in self.loaded.datasets:
+            place = f"{self.loaded.places[data.name]} shift"
+            for channel in sought.get(data.name, ()):
+                if channel not in training:
+                    what = f"the shift of {channel} is found on training data, and none asks for it"
+                    self.findings.append(Finding(place, what, 'Write "auto" in a training dataset too, or a number.'))
+            if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
+                own = [entry.raster for entry in self.file.datasets if entry.raster]
+                if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
+                    what = f"a shift cannot be found while the model's step of {step:g} s is finer than the data's"
+                    self.findings.append(Finding(place, what, f"Write raster = {step:g}, or a number."))
 
     def _check_tables(self, tables: Tables, function: Function) -> None:
         """What the function and its parameters must agree on."""

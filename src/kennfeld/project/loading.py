@@ -38,6 +38,7 @@ class Loaded:
     datasets: list[Dataset] = field(default_factory=list)
     places: dict[str, str] = field(default_factory=dict)  # of each dataset, by its name
     offered: dict[str, None] = field(default_factory=dict)
+    unknown_shifts: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each dataset that has some
     complete: bool = True
 
 
@@ -61,6 +62,8 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
             findings.append(Finding(f"{entry.place} name", what, "Give one of them a name of its own."))
         else:
             loaded.datasets.append(made)
+            if entry.unknown_shifts:
+                loaded.unknown_shifts[made.name] = entry.unknown_shifts
             loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
     return loaded
 
@@ -118,10 +121,15 @@ class _Loading:
 
     def _check_shift(self) -> None:
         used = {*self.calculated.needed([*self.required, *self.optional]), *self._channels(), *self.calculated.graphs}
-        for name in self.entry.shift or {}:
+        for name in (*(self.entry.shift or {}), *self.entry.unknown_shifts):
             if name not in used:
                 mend = nearest(name, used) or "Name a channel of the files or a calculated one."
                 self._report("shift", f"nothing uses a channel {name}", mend)
+        for name in self.entry.unknown_shifts:
+            after = [other for other, graph in self.calculated.graphs.items() if name in graph.inputs]
+            if after:
+                what = f'{name} cannot be "auto", since [calculated] {after[0]} is made of it'
+                self._report("shift", what, "Give a number, or shift what the function reads.")
 
     def _channels(self) -> list[str]:
         return self.calculated.recorded([*self.required, *self.optional])

@@ -17,6 +17,7 @@ __all__ = [
     "CriterionEntry",
     "DatasetEntry",
     "EqualityEntry",
+    "Factor",
     "Freedom",
     "LimitEntry",
     "Lock",
@@ -33,6 +34,7 @@ __all__ = [
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
+Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
@@ -59,6 +61,7 @@ class DatasetEntry:
     warmup: float = 0.0
     max_gap: float = 0.0
     shift: Mapping[str, float] | None = None
+    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be found
     weight_channel: str = ""
     settle: float | None = None
     average: float = 0.0
@@ -114,7 +117,7 @@ class ParameterEntry:
     initial: Float | None = None
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
-    smoothness: float | Mapping[str, float] | None = None
+    smoothness: Factor | Mapping[str, Factor] | None = None
     lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
     gradient: Range = field(default_factory=dict)

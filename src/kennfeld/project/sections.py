@@ -87,6 +87,7 @@ def _datasets(root: Section) -> tuple[DatasetEntry, ...]:
 def _dataset(section: Section) -> DatasetEntry:
     if not section.has("files"):
         section.report("files", "the key is missing", 'Write files = ["..."].')
+    shift, unknown = _shift(section)
     entry = DatasetEntry(
         place=section.place,
         files=section.texts("files"),
@@ -97,7 +98,8 @@ def _dataset(section: Section) -> DatasetEntry:
         where=section.text("where"),
         warmup=section.number("warmup", 0.0, 0.0),
         max_gap=section.number("max_gap", 0.0, 0.0),
-        shift=_shift(section),
+        shift=shift,
+        unknown_shifts=unknown,
         weight_channel=section.text("weight_channel"),
         settle=section.number("settle", 0.0, 0.0, above=True) or None,
         average=section.number("average", 0.0, 0.0),
@@ -123,21 +125,18 @@ def _check_settling(section: Section, entry: DatasetEntry) -> None:
             section.report(key, f"{value:g} s are longer than settle = {entry.settle:g} s", "Shorten it.")
 
 
-def _shift(section: Section) -> dict[str, float]:
+def _shift(section: Section) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The shifts that are given, and the channels whose shift is to be found."""
     if not section.has("shift"):
-        return {}
+        return {}, ()
     if section.values["shift"] == "auto":
-        section.report("shift", f'shift = "auto" {NEXT}', "Give the shift of each channel.")
-        return {}
+        section.report("shift", '"auto" stands for one channel', 'Write shift = { Channel = "auto" }.')
+        return {}, ()
     inner = section.inner("shift")
-    found = {}
-    for name, value in inner.values.items() if inner else ():
-        assert inner is not None
-        if value == "auto":
-            inner.report(name, f'shift = "auto" {NEXT}', "Give a number.")
-        else:
-            found[name] = inner.number(name, 0.0)
-    return found
+    if inner is None:
+        return {}, ()
+    unknown = tuple(name for name, value in inner.values.items() if value == "auto")
+    return {name: inner.number(name, 0.0) for name in inner.values if name not in unknown}, unknown
 
 
 def _calibration(root: Section) -> CalibrationEntry:

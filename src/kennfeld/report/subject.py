@@ -15,6 +15,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.optimize import Problem, Quality, Result
+from kennfeld.optimize.lag import moved
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.function import coordinates_of
@@ -177,7 +178,7 @@ def subject(
 
     Raises `InputError` where the project has no problem to compute.
     """
-    problem = project.problem()
+    problem = project.problem() if result is None else moved(project.problem(), result.shifts)
     start = problem.parameters if result is None else result.start
     parameters = start if result is None else result.parameters
     small = max((data.samples for data in problem.datasets), default=0) <= BLOCK
