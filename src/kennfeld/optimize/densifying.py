@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.graph.free_axes import AxisKey
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem import Factor, Problem
 from kennfeld.parameters import Axis, Parameter
 
 __all__ = ["densified", "parts_of", "thickened", "turns_of"]
@@ -74,8 +74,9 @@ def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
         cells = parts.get(key, np.ones(len(axis.axis) - 1, dtype=np.int64))
         still = axis.axis.changed(breakpoints=densified(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
-            factors = list(smoothness.get(name) if name in tables else problem.factors(name))  # type: ignore[arg-type]
-            factors[which] *= (cells.sum() / max(cells.size, 1)) ** 4
+            known = smoothness[name] if name in tables else problem.factors(name)
+            factors: list[Factor] = [known] if isinstance(known, float | str) else [*known]
+            factors[which] = float(factors[which]) * (cells.sum() / max(cells.size, 1)) ** 4
             tables[name] = _on(tables.get(name, problem.parameters[name]), which, still)
             smoothness[name] = tuple(factors)
     return replace(problem, parameters=problem.parameters.with_parameters(*tables.values()), smoothness=smoothness)
