@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.graph.free_axes import AxisKey
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem import Factor, Problem
 from kennfeld.parameters import Axis, Parameter
 
 __all__ = ["densified", "parts_of", "thickened", "turns_of"]
@@ -75,8 +75,8 @@ def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
         still = axis.axis.changed(breakpoints=densified(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
             known = smoothness[name] if name in tables else problem.factors(name)
-            factors = [float(factor) for factor in known]  # type: ignore[union-attr]
-            factors[which] *= (cells.sum() / max(cells.size, 1)) ** 4
+            factors: list[Factor] = [known] if isinstance(known, float | str) else [*known]
+            factors[which] = float(factors[which]) * (cells.sum() / max(cells.size, 1)) ** 4
             tables[name] = _on(tables.get(name, problem.parameters[name]), which, still)
             smoothness[name] = tuple(factors)
     return replace(problem, parameters=problem.parameters.with_parameters(*tables.values()), smoothness=smoothness)

@@ -10,6 +10,8 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool
 from kennfeld.errors import ArgumentError, Finding, nearest
+from kennfeld.graph.free_axes import standing as axes_standing
+from kennfeld.optimize.breakpoints import left_behind
 from kennfeld.optimize.constraints import Equality, Shape, Term
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.limiting import grid_points
@@ -133,7 +135,10 @@ def _value(parameter: Parameter, term: Term) -> float:
 
 
 def whole(problem: Problem, steps: Sequence[Step]) -> Problem:
-    """The problem with everything free that any step may change, by which a sequence is judged."""
+    """The problem with everything free that any step may change, by which a sequence is judged.
+
+    Breakpoints on whose axis a table is never fitted stand still.
+    """
     if not steps:
         return problem
     variants = [stepped(problem, step) for step in steps]
@@ -145,7 +150,9 @@ def whole(problem: Problem, steps: Sequence[Step]) -> Problem:
         for name in names
     ]
     free = tuple(escape(name) for name in names)
-    return standing(replace(problem, free=free, parameters=problem.parameters.with_parameters(*held)))
+    made = replace(problem, free=free, parameters=problem.parameters.with_parameters(*held))
+    never = [key for key, axis in made.free_axes.items() if left_behind({key: axis}, made.free_names)]
+    return standing(replace(made, parameters=axes_standing(made.parameters, never)))
 
 
 def _locked(problem: Problem, step: Step) -> list[Parameter]:
@@ -191,7 +198,10 @@ def _weighted(criterion: Criterion, weight: float) -> Criterion:
 
 def unusable(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
     """What in a sequence does not fit the problem."""
-    return [finding for number, step in enumerate(steps, 1) for finding in _Checking(problem, step, number).findings()]
+    if not steps:
+        return []
+    found = left_behind(problem.free_axes, problem.free_names)
+    return found + [f for number, step in enumerate(steps, 1) for f in _Checking(problem, step, number).findings()]
 
 
 class _Checking:

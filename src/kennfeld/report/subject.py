@@ -100,6 +100,7 @@ class Subject:
     residuals: tuple[Residuals, ...]
     changes: tuple[Change, ...]
     trust: TrustView = field(default_factory=TrustView)
+    written: Mapping[str, Any] | None = None  # the contents of `result.json`
 
     @property
     def parameters(self) -> ParameterSet:
@@ -167,9 +168,13 @@ class Subject:
 
 
 def subject(
-    project: Project, result: Result | None, findings: Sequence[Finding] = (), trust: TrustView | None = None
+    project: Project,
+    result: Result | None,
+    findings: Sequence[Finding] = (),
+    trust: TrustView | None = None,
+    written: Mapping[str, Any] | None = None,
 ) -> Subject:
-    """Compute what a report tells; the trust is that of the result unless another is given.
+    """Compute what a report tells; trust and `result.json` are those of the result unless others are given.
 
     Raises `InputError` where the project has no problem to compute.
     """
@@ -194,6 +199,7 @@ def subject(
         residuals=residuals(problem, parameters, trust=trust, series=after, lookups=lookups, cells=tallied.cells),
         changes=_changes(problem, start, parameters, trust, tallied.touching),
         trust=trust,
+        written=result.as_json() if result is not None and written is None else written,
     )
 
 
