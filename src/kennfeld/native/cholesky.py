@@ -96,6 +96,7 @@ class Cholesky:
     """
 
     def __init__(self, size: int) -> None:
+        _functions()  # compiled now, not in the first factorisation
         self._pattern: Bool = np.eye(size, dtype=bool)
         self._least = 0.0  # work of the envelope when its order was found
         self._take(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))

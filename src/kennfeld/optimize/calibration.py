@@ -32,6 +32,7 @@ from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "Run", "run"]
 
+ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
@@ -184,7 +185,7 @@ class Run:
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
         if not ends or ends[-1].status != "stopped":
-            ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
+            ends += self._plain(start, limits, settings, ends)
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
         if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
@@ -201,6 +202,17 @@ class Run:
             return first.polished(found, limits, self.options.settings, self._report)
         found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
         return polished(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
+
+    def _plain(self, start: Float, limits: Limits, settings: Settings, before: Sequence[Descent]) -> list[Descent]:
+        """The plain descent; where another one came before, it goes on to its very end only if it came lower."""
+        report = partial(self._report, "plain")
+        if not before:
+            return [gauss_newton(self.objective, start, limits, settings, report)]
+        rough = replace(settings, tolerance=max(settings.tolerance, ROUGH), patience=2)
+        ends = [gauss_newton(self.objective, start, limits, rough, report)]
+        if ends[0].status == "converged" and not ends[0].cost > before[-1].cost:
+            ends.append(gauss_newton(self.objective, ends[0].values, limits, settings, report))
+        return ends
 
     def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
         """The end moved to where the limits of outputs hold; from there, else from the start."""
