@@ -142,7 +142,7 @@ ZERO, ONE = literal(0.0), literal(1.0)
 @cache
 def _functions() -> dict[str, Callable[..., None]]:
     written = [_load(), _factor(), _forward(), _backward()]
-    engine = Engine("".join(f.text() for f in written), vectors=True)
+    engine = Engine("".join(f.text() for f in written))
     return {f.name: engine.function(f.name, f.parameters) for f in written}
 
 
