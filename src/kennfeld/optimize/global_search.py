@@ -193,7 +193,7 @@ class _Searching:
         return Descent(self.best, self.cost, status, message, self.generations, self.evaluations)
 
 
-def _strategy(origin: Float, larger: int, random: np.random.Generator) -> Any:
+def _strategy(origin: Float, larger: int, random: "np.random.Generator") -> Any:
     """A run of CMA-ES within [0, 1], silent and without files, drawing from `random` alone."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it misses a plotting library
@@ -217,5 +217,5 @@ def _strategy(origin: Float, larger: int, random: np.random.Generator) -> Any:
     return CMAEvolutionStrategy(point, SPREAD, options)
 
 
-def _normals(random: np.random.Generator, *shape: int) -> Float:
+def _normals(random: "np.random.Generator", *shape: int) -> Float:
     return random.standard_normal(shape)

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
-from numpy.polynomial.legendre import legval
 
 from kennfeld.arrays import Float
 from kennfeld.optimize.problem import Problem
@@ -61,6 +60,8 @@ def _moved(parameter: Parameter, level: float, shares: Float, spread: float) -> 
 
 def _shape(parameter: Parameter, shares: Float) -> Float:
     """A smooth function on the grid, of no mean over its span; its standard size is that of the slopes alone."""
+    from numpy.polynomial.legendre import legval
+
     total = np.zeros(parameter.values.shape)
     for degrees, share in zip(_shapes(parameter), shares, strict=True):
         along = np.array(share / sum(degrees))
