@@ -13,9 +13,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
-from kennfeld.optimize.feasible_first import FeasibleFirst
 from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.global_search import GlobalSettings, global_search, polished, unbounded
 from kennfeld.optimize.limiting import limits_of
 from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
@@ -195,6 +193,9 @@ class Run:
 
     def _searched(self, start: Float, limits: Limits) -> Descent:
         """The end of a search without gradients, and of a descent from there."""
+        from kennfeld.optimize.feasible_first import FeasibleFirst
+        from kennfeld.optimize.global_search import GlobalSettings, global_search, polished
+
         search = GlobalSettings(self.options.max_evaluations, self.options.seed)
         if self.outputs is not None:
             first = FeasibleFirst(self.objective, self.outputs, self.parameters)
@@ -323,6 +324,8 @@ def _require(problem: Problem, options: Options) -> None:
             if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
         ]
     if options.method == "global":
+        from kennfeld.optimize.global_search import unbounded
+
         findings += unbounded(problem)
     if findings:
         raise InputError(findings)

@@ -12,7 +12,6 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.graph.free_axes import labelled
 from kennfeld.optimize import calibration
 from kennfeld.optimize.calibration import Options, Progress, Run
-from kennfeld.optimize.deciding import decided
 from kennfeld.optimize.gauss_newton import Descent, Status
 from kennfeld.optimize.limits import Limits
 from kennfeld.optimize.problem import Problem
@@ -45,6 +44,8 @@ def run(
     nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
     """
     if problem.unknown_shifts or problem.automatic_names:
+        from kennfeld.optimize.deciding import decided  # only here: many runs have nothing to decide
+
         return decided(
             problem,
             options,
