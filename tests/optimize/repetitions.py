@@ -3,12 +3,12 @@
 import numpy as np
 
 from kennfeld.native import Accumulator, Samples
-from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.projection import project
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.solver.threads import blas_threads
 
 
 def repeated(problem, truth, noise, count, seed=0):

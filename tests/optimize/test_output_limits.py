@@ -8,8 +8,8 @@ import pytest
 import kennfeld as kf
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize import Criterion, Limit, Options, Problem, run
-from kennfeld.optimize.binding import bind
-from kennfeld.optimize.output_limits import FEASIBLE
+from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.limits.output_limits import FEASIBLE
 from kennfeld.optimize.scoring import Nodes
 
 GRID = np.linspace(0, 10, 11)

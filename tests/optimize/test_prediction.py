@@ -5,7 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.prediction import GAMMA, Linearised, Prediction, minimised
+from kennfeld.optimize.choice.prediction import GAMMA, Linearised, Prediction, minimised
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.roughness import Roughness
 

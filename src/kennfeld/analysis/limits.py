@@ -10,7 +10,7 @@ from kennfeld.graph.free_axes import free_axes, standing
 from kennfeld.models.formula import extend
 from kennfeld.native import Values
 from kennfeld.optimize import Equality, Limit, Problem, Shape
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import ParameterSet
 

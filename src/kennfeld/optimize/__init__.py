@@ -2,14 +2,14 @@
 
 from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.optimize.calibration import Options, Progress
-from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.optimize.criterion import Criterion, Region, Target
-from kennfeld.optimize.gauss_newton import Stop
-from kennfeld.optimize.multistart import run
+from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Quality, Result, Seconds, StartResult, TraceLine
-from kennfeld.optimize.saved import Keep, Saved
-from kennfeld.optimize.step import Step
+from kennfeld.optimize.search.multistart import run
+from kennfeld.optimize.search.saved import Keep, Saved
+from kennfeld.optimize.search.step import Step
+from kennfeld.optimize.solver.gauss_newton import Stop
 from kennfeld.optimize.trust import Direction, Trust
 
 __all__ = [

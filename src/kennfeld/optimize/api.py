@@ -14,17 +14,17 @@ from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
-from kennfeld.optimize.binding import bind
 from kennfeld.optimize.calibration import Options, Progress
-from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.multistart import run
-from kennfeld.optimize.output_limits import check_limits
+from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.data.weighting import weight_findings
+from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.limits.output_limits import check_limits
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
-from kennfeld.optimize.shifting import shifted
-from kennfeld.optimize.weighting import weight_findings
+from kennfeld.optimize.search.multistart import run
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
 __all__ = ["calibrate", "problem_of", "resolved", "simulate"]

@@ -11,20 +11,20 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limiting import limits_of
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.free_axes.breakpoints import left_behind, told
+from kennfeld.optimize.free_axes.placing import Placing, coarse
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.output_limits import OutputLimits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.output_limits import OutputLimits
-from kennfeld.optimize.placing import Placing, coarse
 from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
-from kennfeld.optimize.step import Step
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.search.step import Step
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.parameters import ParameterSet
 
@@ -193,8 +193,8 @@ class Run:
 
     def _searched(self, start: Float, limits: Limits) -> Descent:
         """The end of a search without gradients, and of a descent from there."""
-        from kennfeld.optimize.feasible_first import FeasibleFirst
-        from kennfeld.optimize.global_search import GlobalSettings, global_search, polished
+        from kennfeld.optimize.search.feasible_first import FeasibleFirst
+        from kennfeld.optimize.search.global_search import GlobalSettings, global_search, polished
 
         search = GlobalSettings(self.options.max_evaluations, self.options.seed)
         if self.outputs is not None:
@@ -324,7 +324,7 @@ def _require(problem: Problem, options: Options) -> None:
             if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
         ]
     if options.method == "global":
-        from kennfeld.optimize.global_search import unbounded
+        from kennfeld.optimize.search.global_search import unbounded
 
         findings += unbounded(problem)
     if findings:

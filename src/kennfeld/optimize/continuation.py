@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, smoothable
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 
 __all__ = ["LONG", "SHORT", "Continuation", "Ladder"]
 

@@ -17,14 +17,14 @@ from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
 from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
-from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.breakpoints import Place, fitted_axes
-from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.gathering import Source, gather
-from kennfeld.optimize.moving_roughness import roughness_of
-from kennfeld.optimize.settling import ages, averaged, averages, fewer_pieces, restarted
-from kennfeld.optimize.weighting import Weighting
+from kennfeld.optimize.data.binding import Bound, bind
+from kennfeld.optimize.data.gathering import Source, gather
+from kennfeld.optimize.data.settling import ages, averaged, averages, fewer_pieces, restarted
+from kennfeld.optimize.data.weighting import Weighting
+from kennfeld.optimize.free_axes.breakpoints import Place, fitted_axes
+from kennfeld.optimize.free_axes.moving_roughness import roughness_of
+from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "smoothable"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import free_axes
-from kennfeld.optimize.gauss_newton import Status
+from kennfeld.optimize.solver.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lowering import lower
 from kennfeld.native import Simulator
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.result import Quality
 from kennfeld.parameters import ParameterSet

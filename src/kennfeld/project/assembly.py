@@ -8,9 +8,9 @@ import numpy as np
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
-from kennfeld.optimize.binding import Bound
-from kennfeld.optimize.output_limits import channels_of, check_limits
-from kennfeld.optimize.projection import infeasible
+from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.limits.output_limits import channels_of, check_limits
+from kennfeld.optimize.limits.projection import infeasible
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock

@@ -9,7 +9,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.graph import Graph
 from kennfeld.models.formula import expression
-from kennfeld.optimize.evaluation import evaluated, uses_clock
+from kennfeld.optimize.data.evaluation import evaluated, uses_clock
 from kennfeld.project.schema import ProjectFile
 
 __all__ = ["Calculated", "evaluated", "read_calculated", "read_expression", "uses_clock"]

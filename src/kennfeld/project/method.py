@@ -7,8 +7,8 @@ import numpy as np
 from kennfeld.errors import Finding
 from kennfeld.graph.events import Event, events
 from kennfeld.optimize import Problem
-from kennfeld.optimize.global_search import FEW, unbounded
 from kennfeld.optimize.problem import difference
+from kennfeld.optimize.search.global_search import FEW, unbounded
 from kennfeld.project.schema import ProjectFile
 
 __all__ = ["event_warning", "listed", "method_findings"]

@@ -153,7 +153,7 @@ class Project:
 
         problem = self.problem()
         if shifts:
-            from kennfeld.optimize.lag import moved
+            from kennfeld.optimize.choice.lag import moved
 
             problem = moved(problem, shifts)
         return simulations(problem, parameters)

@@ -6,8 +6,8 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.graph import Graph
 from kennfeld.models.formula import expression
 from kennfeld.optimize import Problem
-from kennfeld.optimize.settling import hold_of, is_settled
-from kennfeld.optimize.weighting import weight_findings
+from kennfeld.optimize.data.settling import hold_of, is_settled
+from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.project.loading import Loaded
 from kennfeld.project.schema import ProjectFile
 

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError
-from kennfeld.optimize.shifting import interpolated, shifted
+from kennfeld.optimize.choice.shifting import interpolated, shifted
 
 __all__ = ["interpolated", "refined", "shifted"]
 

@@ -15,7 +15,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.optimize import Problem, Quality, Result
-from kennfeld.optimize.lag import moved
+from kennfeld.optimize.choice.lag import moved
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.function import coordinates_of

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Scorer
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.estimate import Estimate, estimate
 from kennfeld.optimize.trust.noise import Group, groups
 from kennfeld.optimize.trust.search import weak_directions

@@ -15,8 +15,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.native import Samples
-from kennfeld.optimize.binding import Bound
 from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.data.binding import Bound
 
 __all__ = ["LEAST", "Group", "groups", "persistence", "rescored"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError, nearest
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.estimate import Estimate
 from kennfeld.optimize.trust.words import Direction
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native import Cholesky, Factor
-from kennfeld.optimize.limits import Limits
-from kennfeld.optimize.quadratic import Solution, solve
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.solver.quadratic import Solution, solve
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
 

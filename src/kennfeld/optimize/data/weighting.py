@@ -14,9 +14,9 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph import Builder, Graph
 from kennfeld.models.formula import expression
-from kennfeld.optimize.binding import Bound
 from kennfeld.optimize.criterion import Criterion, Region
-from kennfeld.optimize.evaluation import evaluated, uses_clock
+from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.data.evaluation import evaluated, uses_clock
 
 __all__ = ["Weighting", "weight_findings"]
 

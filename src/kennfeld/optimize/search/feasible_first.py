@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings
-from kennfeld.optimize.global_search import GlobalSettings, Report, global_search
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.output_limits import FEASIBLE, OutputLimits
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.output_limits import FEASIBLE, OutputLimits
+from kennfeld.optimize.search.global_search import GlobalSettings, Report, global_search
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["FeasibleFirst"]

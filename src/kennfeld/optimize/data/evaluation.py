@@ -8,7 +8,7 @@ from kennfeld.graph import CLOCK, Graph
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lowering import lower
 from kennfeld.native import Simulator
-from kennfeld.optimize.binding import bind
+from kennfeld.optimize.data.binding import bind
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["evaluated", "uses_clock"]

@@ -9,9 +9,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.graph.free_axes import AxisKey, key_of
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.native import Values
-from kennfeld.optimize.breakpoints import bounds_of, order_of, slopes_along
-from kennfeld.optimize.constraints import Equality, Shape, Term
-from kennfeld.optimize.limits import Limits, Rows
+from kennfeld.optimize.free_axes.breakpoints import bounds_of, order_of, slopes_along
+from kennfeld.optimize.limits.constraints import Equality, Shape, Term
+from kennfeld.optimize.limits.limits import Limits, Rows
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Parameter
 

@@ -10,14 +10,14 @@ from kennfeld.errors import InputError
 from kennfeld.graph.free_axes import free_axes, key_of, labelled, with_labelled
 from kennfeld.graph.free_axes import standing as axes_standing
 from kennfeld.optimize.calibration import Options, Progress, Run
-from kennfeld.optimize.gauss_newton import Descent, Status, Stop
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.reduction import reduced, refined
 from kennfeld.optimize.result import Seconds, StartResult, TraceLine
-from kennfeld.optimize.saved import Keep, Saved
-from kennfeld.optimize.step import Step, standing, stepped, whole
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.search.reduction import reduced, refined
+from kennfeld.optimize.search.saved import Keep, Saved
+from kennfeld.optimize.search.step import Step, standing, stepped, whole
+from kennfeld.optimize.solver.gauss_newton import Descent, Status, Stop
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Begin", "Climb", "Climber", "holding", "not_begun"]

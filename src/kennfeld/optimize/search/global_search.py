@@ -19,10 +19,10 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Objective, Settings, Status, Stop, gauss_newton
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Objective, Settings, Status, Stop, gauss_newton
 
 __all__ = ["FEW", "GlobalSettings", "Report", "global_search", "polished", "unbounded"]
 

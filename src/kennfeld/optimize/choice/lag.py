@@ -13,13 +13,13 @@ import numpy as np
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, nearest
-from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.choice.shifting import shifted
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, difference
-from kennfeld.optimize.projection import project
 from kennfeld.optimize.scoring import Nodes
-from kennfeld.optimize.shifting import shifted
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["WINDOW", "Shifts", "at_the_end", "moved", "with_shifts_found"]

@@ -10,10 +10,10 @@ from contextlib import suppress
 from typing import IO, Any
 
 from kennfeld.errors import InputError
-from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.result import TraceLine
-from kennfeld.optimize.sequence import Begin, Climber
-from kennfeld.optimize.workers import READY, STOP, pickled
+from kennfeld.optimize.search.sequence import Begin, Climber
+from kennfeld.optimize.search.workers import READY, STOP, pickled
+from kennfeld.optimize.solver.gauss_newton import Stop
 
 __all__ = ["main"]
 

@@ -20,17 +20,17 @@ from typing import Any
 
 from kennfeld.errors import InputError
 from kennfeld.optimize.calibration import Options, Progress
-from kennfeld.optimize.gauss_newton import Stop
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import StartResult, TraceLine
-from kennfeld.optimize.saved import Keep, Saved
-from kennfeld.optimize.sequence import Begin, Climb, not_begun
+from kennfeld.optimize.search.saved import Keep, Saved
+from kennfeld.optimize.search.sequence import Begin, Climb, not_begun
+from kennfeld.optimize.solver.gauss_newton import Stop
 
 __all__ = ["READY", "STOP", "climb_in_parallel", "pickled"]
 
 READY, STOP = "ready", "stop"
 PAUSE = 0.1  # s between looks at Ctrl-C: where a wait has no end, Windows does not deliver it
-COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.optimize.worker import main; main()"
+COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.optimize.search.worker import main; main()"
 
 
 def climb_in_parallel(

@@ -13,16 +13,16 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import AxisKey
-from kennfeld.optimize.breakpoints import bounds_of
 from kennfeld.optimize.continuation import SHORT, Continuation
-from kennfeld.optimize.densifying import parts_of, thickened, turns_of
-from kennfeld.optimize.elimination import Dense, eliminated
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limiting import limits_of
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.free_axes.breakpoints import bounds_of
+from kennfeld.optimize.free_axes.densifying import parts_of, thickened, turns_of
+from kennfeld.optimize.free_axes.elimination import Dense, eliminated
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Placing", "coarse"]

@@ -9,7 +9,7 @@ from kennfeld.errors import Finding
 from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.native import Values
-from kennfeld.optimize.limits import Rows
+from kennfeld.optimize.limits.limits import Rows
 from kennfeld.parameters import Parameter, ParameterSet
 
 __all__ = ["Place", "bounds_of", "fitted_axes", "left_behind", "order_of", "rising", "slopes_along", "told"]

@@ -7,8 +7,8 @@ import numpy as np
 
 from kennfeld.arrays import Int
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.constraints import Equality, Term
-from kennfeld.optimize.limiting import grid_points
+from kennfeld.optimize.limits.constraints import Equality, Term
+from kennfeld.optimize.limits.limiting import grid_points
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Axis, Parameter, ParameterSet
 

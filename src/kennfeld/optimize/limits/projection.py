@@ -5,10 +5,10 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.native import Factor, Values
-from kennfeld.optimize.limiting import limits_of
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quadratic import solve
+from kennfeld.optimize.solver.quadratic import solve
 
 __all__ = ["infeasible", "project"]
 

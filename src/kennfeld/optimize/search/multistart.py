@@ -12,16 +12,16 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.graph.free_axes import labelled
 from kennfeld.optimize import calibration
 from kennfeld.optimize.calibration import Options, Progress, Run
-from kennfeld.optimize.gauss_newton import Descent, Status
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
-from kennfeld.optimize.saved import Keep, Saved
-from kennfeld.optimize.sequence import STOPPED, Begin, Climb, Climber, holding, not_begun
-from kennfeld.optimize.starts import distance, drawn_start
-from kennfeld.optimize.step import unusable, whole
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.search.saved import Keep, Saved
+from kennfeld.optimize.search.sequence import STOPPED, Begin, Climb, Climber, holding, not_begun
+from kennfeld.optimize.search.starts import distance, drawn_start
+from kennfeld.optimize.search.step import unusable, whole
+from kennfeld.optimize.solver.gauss_newton import Descent, Status
+from kennfeld.optimize.solver.threads import blas_threads
 
 __all__ = ["run"]
 
@@ -44,7 +44,7 @@ def run(
     nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
     """
     if problem.unknown_shifts or problem.automatic_names:
-        from kennfeld.optimize.deciding import decided  # only here: many runs have nothing to decide
+        from kennfeld.optimize.choice.deciding import decided  # only here: many runs have nothing to decide
 
         return decided(
             problem,
@@ -107,7 +107,7 @@ class _Multistart:
         climber = Climber(self.problem, self.options, ready)
         begins = list(self._begins(climber))
         if self.workers > 1 and len(begins) > 1:
-            from kennfeld.optimize.workers import climb_in_parallel
+            from kennfeld.optimize.search.workers import climb_in_parallel
 
             work = (self.problem, self.options, begins, self.workers)
             self.climbs |= {c.row.start: c for c in climb_in_parallel(*work, self._report, self._save)}

@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Factor
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
 
 __all__ = ["Solution", "nonnegative_dual", "solve"]
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import ParameterSet
 

@@ -17,14 +17,14 @@ from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph.lowering import dependent
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
-from kennfeld.optimize.binding import Bound
-from kennfeld.optimize.constraints import Limit
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.limits.constraints import Limit
+from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["OutputLimits", "channels_of", "check_limits"]

@@ -11,10 +11,10 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Bool
 from kennfeld.errors import ArgumentError, Finding, nearest
 from kennfeld.graph.free_axes import standing as axes_standing
-from kennfeld.optimize.breakpoints import left_behind
-from kennfeld.optimize.constraints import Equality, Shape, Term
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.limiting import grid_points
+from kennfeld.optimize.free_axes.breakpoints import left_behind
+from kennfeld.optimize.limits.constraints import Equality, Shape, Term
+from kennfeld.optimize.limits.limiting import grid_points
 from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.parameters import Parameter
 

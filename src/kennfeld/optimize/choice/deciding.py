@@ -10,17 +10,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.automatic import Choice, chosen
 from kennfeld.optimize.calibration import Options, Progress, Run
-from kennfeld.optimize.correlation import independent_samples
-from kennfeld.optimize.gauss_newton import Descent, gauss_newton
-from kennfeld.optimize.lag import at_the_end, with_shifts_found
-from kennfeld.optimize.limiting import limits_of
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.choice.automatic import Choice, chosen
+from kennfeld.optimize.choice.correlation import independent_samples
+from kennfeld.optimize.choice.lag import at_the_end, with_shifts_found
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Result, Seconds, StartResult
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton
+from kennfeld.optimize.solver.threads import blas_threads
 
 __all__ = ["decided"]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.sobol import sobol
+from kennfeld.optimize.search.sobol import sobol
 from kennfeld.parameters import Parameter
 
 __all__ = ["distance", "drawn_start"]

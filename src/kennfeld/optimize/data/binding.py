@@ -10,7 +10,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
-from kennfeld.optimize.settling import AVERAGING, Hold, hold_of, is_settled, not_held
+from kennfeld.optimize.data.settling import AVERAGING, Hold, hold_of, is_settled, not_held
 
 __all__ = ["Bound", "bind"]
 

@@ -12,8 +12,8 @@ from kennfeld.graph.lowering import Lowered
 from kennfeld.graph.split import Split
 from kennfeld.native import Kernel, Piece, Samples, Simulator
 from kennfeld.native.rows import Order
-from kennfeld.optimize.binding import Bound
-from kennfeld.optimize.ordering import Cells, scored_in_order
+from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.data.ordering import Cells, scored_in_order
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Source", "gather"]

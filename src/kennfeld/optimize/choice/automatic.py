@@ -14,13 +14,13 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limits import Limits
-from kennfeld.optimize.moving_roughness import roughness_of
+from kennfeld.optimize.choice.prediction import Linearised, Prediction, minimised
+from kennfeld.optimize.free_axes.moving_roughness import roughness_of
+from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.prediction import Linearised, Prediction, minimised
 from kennfeld.optimize.problem import Compiled
 from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 
 __all__ = ["Choice", "chosen"]
 
