@@ -32,7 +32,7 @@ class Ladder:
     tolerance: float
 
 
-SHORT = Ladder(tuple(1.0 / 2**i for i in range(6)), 1e-4)
+SHORT = Ladder(tuple(1.0 / 2**i for i in range(6)), 3e-5)
 LONG = Ladder(tuple(4.0 / 2**i for i in range(8)), 1e-5)
 
 
