@@ -35,7 +35,7 @@ ProjectFile = Annotated[
 
 def main() -> None:
     """The command `kennfeld`; ends the process."""
-    gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; to look for it takes a tenth of its time
+    gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; looking for it takes a tenth of it
     sys.exit(run(sys.argv[1:]))
 
 
