@@ -24,7 +24,7 @@ WATCHED = {  # column: functions whose time it sums, by the module that calls th
     "differentiate": ("kennfeld.native.kernel:differentiate",),
     "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
     "LLVM": ("kennfeld.native.kernel:compiled",),
-    "data-only part": ("kennfeld.optimize.problem:_precompute", "kennfeld.optimize.gathering:_precompute"),
+    "data-only part": ("kennfeld.optimize.data.gathering:_preparation",),
 }
 
 

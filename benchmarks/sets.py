@@ -1,4 +1,4 @@
-"""Topic `sets`: optimagic's `more_wild` and `cartis_roberts` least-squares problems, with one Jacobian for all solvers."""
+"""Topic `sets`: optimagic's `more_wild` and `cartis_roberts` problems, with one Jacobian for all solvers."""
 
 import time
 import warnings
@@ -16,7 +16,10 @@ from benchmarks.table import Table, seconds
 __all__ = ["run", "solve"]
 
 TOLERANCE = 1e-8
-NEAR, ZERO = 1e-6, 1e-8  # how close a cost is to a least cost: relatively, and absolutely where that is smaller than ZERO
+NEAR, ZERO = (
+    1e-6,
+    1e-8,
+)  # how close a cost is to a least cost: relatively, and absolutely where that is smaller than ZERO
 TOOLS = {
     "Kennfeld": ("kennfeld", ()),
     "scipy TRF": ("trf", ("scipy",)),
@@ -123,14 +126,16 @@ def _notes(found: dict[str, Ends], stated: dict[str, float], best: dict[str, flo
     ours = found.get("Kennfeld", {})
     behind = [name for name, end in ours.items() if not _reached(end["cost"], best[name])]
     return [
-        f"Solved: a final cost within {NEAR:g} of the least cost that optimagic states (within {ZERO:g} absolutely where "
-        "that is less than that), and of the best any solver here found where it states none. Missed are problems that "
-        "another solver here solved.",
-        f"Of the best found: the same rule against the best any solver here found. It differs where nobody reaches what "
+        f"Solved: a final cost within {NEAR:g} of the least cost that optimagic states (absolutely within {ZERO:g} where "
+        "that is smaller), and of the best any solver here found where it states none. Missed are problems that another "
+        "solver here solved.",
+        "Of the best found: the same rule against the best any solver here found. It differs where nobody reaches what "
         f"is stated: {', '.join(nobody) or 'nowhere'}.",
         f"Kennfeld ends above the best found on: {', '.join(behind) or 'none'}.",
         "The same start, residual function and exact Jacobian (complex steps) for all, no bounds; every tolerance a "
         f"solver has (of the cost, the step, the gradient) is {TOLERANCE:g}; at most {CAP} calls of the residual "
-        f"function. semicon2 without bounds is semicn2u, brown_almost_linear_medium is brownale. optimistix compiles "
-        f"each problem, which is in its time. A solver that raises an error is credited with the best values it tried. Load at the end {load()}.",
+        "function, those at the values of the call before not counted. A solver that raises an error or runs out of "
+        "calls is credited with the best values it tried. semicon2 without bounds is semicn2u, "
+        "brown_almost_linear_medium is brownale.",
+        f"optimistix compiles each problem, which is in its time. Load at the end {load()}.",
     ]

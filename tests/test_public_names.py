@@ -13,7 +13,11 @@ PROMISED = {
     *("Project", "Dataset", "Channel", "Model", "Graph", "ParameterSet", "Scalar", "Curve", "Map", "Cube", "Axis"),
     *("Criterion", "Limit", "Result", "read", "read_parameters", "formula", "calibrate", "simulate"),
 }
-NEEDED_WITH_THEM = {"Block", "Text", "Pin", "Options", "Step", "Stop", "InputError", "KennfeldError"}
+NEEDED_WITH_THEM = {"Block", "Text", "Pin", "Region", "Settling", "Options", "Step", "Stop"} | {
+    "InputError",
+    "KennfeldError",
+    "cross_validate",
+}
 
 
 def test_the_public_names_are_these():

@@ -69,6 +69,15 @@ def test_the_exhaust_temperature_of_held_out_points_is_met_by_a_map():
     assert np.mean(errors) <= 0.098
 
 
+def test_automatic_smoothness_meets_held_out_points_as_well_as_the_best_fixed_factor():
+    splits = [split(seed) for seed in range(20)]
+    means = {
+        smoothness: np.mean([error_of_a_map(TEMPERATURE, *parts, smoothness) for parts in splits])
+        for smoothness in (*SMOOTHNESS, "auto")
+    }
+    assert means.pop("auto") <= 1.02 * min(means.values())
+
+
 CHAIN = """
 base = Base(engine_speed, engine_load)
 delta = intake_valve_opening - Best(engine_speed, engine_load)

@@ -14,14 +14,15 @@ TYPE_CHECKING = False  # type checkers take this name for true; the module `typi
 if TYPE_CHECKING:
     from typing import Any
 
+    from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
-    from kennfeld.dataset import Channel, Dataset
+    from kennfeld.dataset import Channel, Dataset, Settling
     from kennfeld.errors import InputError, KennfeldError
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Limit, Options, Pin, Result, Step, Stop, calibrate, simulate
+    from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Step, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
 
@@ -43,12 +44,15 @@ __all__ = [
     "ParameterSet",
     "Pin",
     "Project",
+    "Region",
     "Result",
     "Scalar",
+    "Settling",
     "Step",
     "Stop",
     "Text",
     "calibrate",
+    "cross_validate",
     "formula",
     "read",
     "read_parameters",
@@ -58,14 +62,15 @@ __all__ = [
 __version__ = "0.1.0"
 
 _ROOMS = {
+    "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
-    "dataset": ("Channel", "Dataset"),
+    "dataset": ("Channel", "Dataset", "Settling"),
     "errors": ("InputError", "KennfeldError"),
     "graph": ("Graph",),
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
-    "optimize": ("Criterion", "Limit", "Options", "Pin", "Result", "Step", "Stop", "calibrate", "simulate"),
+    "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Step", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
 }

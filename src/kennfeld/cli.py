@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -134,6 +134,15 @@ def calibrate(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the states that save_every kept in the results folder.")
     ] = False,
+    folds: Annotated[
+        int | None,
+        typer.Option(
+            "--cross-validate", help="Then hold back each of K parts in turn.", show_default=False, metavar="K"
+        ),
+    ] = None,
+    parts: Annotated[
+        str, typer.Option("--parts", help="What is held back: auto, files, blocks or random.", metavar="KIND")
+    ] = "auto",
 ) -> int:
     """Find the values that fit best, and write them.
 
@@ -141,12 +150,42 @@ def calibrate(
     """
     from kennfeld.project import Project
 
-    return _calibrate(Project.read(path), output or path.parent / "results", workers, resume)
+    if folds is not None and folds < 2:
+        raise InputError.of("--cross-validate", f"{folds} is no number of parts", "Write 2 or more.")
+    if parts not in ("auto", "files", "blocks", "random"):
+        raise InputError.of("--parts", f"{parts!r} is unknown", "Write auto, files, blocks or random.")
+    project, folder = Project.read(path), output or path.parent / "results"
+    status = _calibrate(project, folder, workers, resume)
+    if folds is None or status == INTERRUPTED:
+        return status
+    return max(status, _cross_validate(project, folder, folds, parts))
+
+
+def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
+    import json
+
+    from kennfeld.analysis import cross_validated
+    from kennfeld.project.results import write_text
+    from kennfeld.terminal.interrupt import Interrupt
+    from kennfeld.terminal.progress import display
+    from kennfeld.terminal.table import aligned
+
+    try:
+        with Interrupt() as interrupt, display("compiling") as shown:
+            found = cross_validated(project.problem(), folds, parts, 0, project.options, interrupt.watch(shown))
+    except KeyboardInterrupt:
+        complain("Stopped before there was anything to write.")
+        return INTERRUPTED
+    text = json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    path = write_text(f"{text}\n", folder / "cross_validation.json")
+    say("", *aligned(found.table()), "", *found.summary(), f"Written to {path}")
+    return INTERRUPTED if interrupt.pressed else DONE
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
     from kennfeld.project.results import require_room, write
     from kennfeld.report import safely
+    from kennfeld.terminal.choices import choices
     from kennfeld.terminal.findings import left_open
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
@@ -169,6 +208,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     if len(result.starts) > 1:
         say(*aligned(result.starts_table()), "")
     say(f"{result.status}: {result.message}")
+    say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(*left_open(result.trust))
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")

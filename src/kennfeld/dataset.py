@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.errors import ArgumentError, nearest
 
-__all__ = ["Channel", "Dataset", "Use", "concatenate"]
+__all__ = ["Channel", "Dataset", "Settling", "Use", "concatenate"]
 
 Use = Literal["training", "test"]
 
@@ -33,6 +33,30 @@ class Channel:
         return self.values.size
 
 
+@dataclass(frozen=True)
+class Settling:
+    """How a model with memory runs on steady-state points: each is held for `seconds`, from the model's first values.
+
+    What counts is the mean over the last `average` seconds, the last value where that is 0. `step` is the step of the
+    model in s; None takes the one it has.
+
+    >>> Settling(5.0, average=1.0, step=0.1).seconds
+    5.0
+    """
+
+    seconds: float
+    average: float = 0.0
+    step: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.seconds < np.inf:
+            raise ArgumentError(f"seconds={self.seconds} of a settling must be a number above 0")
+        if not 0 <= self.average <= self.seconds:
+            raise ArgumentError(f"average={self.average} of a settling must be between 0 and its {self.seconds:g} s")
+        if self.step is not None and not 0 < self.step <= self.seconds:
+            raise ArgumentError(f"step={self.step} of a settling must be above 0 and at most its {self.seconds:g} s")
+
+
 @dataclass(frozen=True, eq=False)
 class Dataset(Mapping[str, Channel]):
     """Channels over the same samples.
@@ -41,6 +65,8 @@ class Dataset(Mapping[str, Channel]):
     `starts` holds the first sample of each piece; a model's states start anew there.
     `scored` marks the samples that count; the others are simulated only.
     `max_gap` is how long, in s, a gap of NaN in an input may be to be interpolated; longer ones end a piece.
+    `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
+    `settling` says how a model with memory runs on steady-state points.
     Raises `ArgumentError` where lengths differ or time does not increase.
 
     >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
@@ -56,6 +82,8 @@ class Dataset(Mapping[str, Channel]):
     use: Use = "training"
     scored: Bool | None = None  # Bool[samples]
     max_gap: float = 0.0
+    weight_channel: str = ""
+    settling: Settling | None = None
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -78,6 +106,8 @@ class Dataset(Mapping[str, Channel]):
                 f"starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
             )
         object.__setattr__(self, "starts", starts)
+        if self.settling is not None and self.time is not None:
+            raise ArgumentError(f"settling={self.settling} of dataset {self.name} is for points without time stamps")
         if self.time is not None:
             self._check_time(readonly(self.time))
         if self.scored is not None:
@@ -168,4 +198,4 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     scored = None
     if any(part.scored is not None for part in parts):
         scored = np.concatenate([np.ones(p.samples, bool) if p.scored is None else p.scored for p in parts])
-    return Dataset(name, channels, time, starts, parts[0].weight, parts[0].use, scored, parts[0].max_gap)
+    return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored)

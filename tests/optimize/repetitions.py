@@ -2,36 +2,49 @@
 
 import numpy as np
 
-from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.objective import SumOfSquares, limits_of
+from kennfeld.native import Accumulator, Samples
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.projection import project
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.solver.threads import blas_threads
 
 
 def repeated(problem, truth, noise, count, seed=0):
     """Values found from so many measurements of the true model, shape (count, values), in the order of the parameters.
 
-    `noise(rng, samples)` draws what is added to the model's output in the order of the samples.
+    `noise(rng, samples)` draws what is added to the model's output.
     """
     compiled = Compiled(problem)
-    objective, limits = SumOfSquares(compiled), limits_of(problem, compiled)
+    targets = own_targets(compiled)
+    objective, limits = SumOfSquares(compiled), limits_of(problem, compiled.values)
     full, free = compiled.values.pack(truth), compiled.values.free
-    compiled.samples.targets[:] = 0.0
+    visits = slice(None) if compiled.samples.order is None else compiled.samples.order
     clean = outputs(compiled, full)
     start, _ = project(full[:free].copy(), limits)
     rng = np.random.default_rng(seed)
     ends = []
     with blas_threads(free):
         for _ in range(count):
-            compiled.samples.targets[:] = clean + noise(rng, clean.shape[1])
+            targets[:, visits] = clean + noise(rng, clean.shape[1])
+            compiled.reread_targets()
             ends.append(gauss_newton(objective, start, limits, Settings(tolerance=1e-6)).values)
     order = [compiled.values.offsets[name] + np.arange(truth[name].size) for name in problem.free_names]
     return np.array(ends)[:, np.concatenate(order)]
 
 
+def own_targets(compiled):
+    """Targets of 0 that the compiled problem reads from now on, shape (outputs, samples)."""
+    samples = compiled.samples
+    targets = np.zeros((len(compiled.problem.criteria), samples.wanted.count))
+    compiled.samples = Samples(samples.inputs.parts, targets, samples.pieces, samples.order)
+    compiled.accumulator = Accumulator(compiled.kernel, compiled.samples)
+    return targets
+
+
 def outputs(compiled, full):
-    """What the model gives at each sample: its residual against targets of 0, which no weight changes."""
+    """What the model gives at each visit: its residual against targets of 0, which no weight changes."""
     assert all(c.weight == c.scale == 1.0 and c.loss == "square" for c in compiled.problem.criteria)
     residual, _ = compiled.accumulator.rows(full)
     return residual.reshape(-1, len(compiled.problem.criteria)).T.copy()

@@ -6,9 +6,9 @@ from kennfeld.errors import InputError
 from kennfeld.graph.free_axes import AxisKey
 from kennfeld.models.formula import formula
 from kennfeld.optimize import run
-from kennfeld.optimize.breakpoints import bounds_of, fitted_axes
-from kennfeld.optimize.constraints import Equality, Shape, Term
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.free_axes.breakpoints import bounds_of, fitted_axes
+from kennfeld.optimize.limits.constraints import Equality, Shape, Term
+from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.problem import Compiled, Problem
 
 KINKS, HEIGHTS = [0, 1.2, 2.1, 6.5, 10.0], [0, 4.0, 1.0, 2.0, 8.0]

@@ -5,11 +5,11 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.calibration import Options
-from kennfeld.optimize.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
 
 X = np.linspace(0.0, 3.0, 61)
 WAVE = {"x": X, "y": 2 + np.sin(2 * X)}

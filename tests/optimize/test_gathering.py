@@ -6,7 +6,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.optimize import Criterion, Problem
 from kennfeld.optimize.calibration import Options, run
-from kennfeld.optimize.constraints import Limit
+from kennfeld.optimize.limits.constraints import Limit
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kennfeld.native import Cholesky
-from kennfeld.optimize.gauss_newton import Settings, Stop, gauss_newton
-from kennfeld.optimize.limits import Limits, Rows
+from kennfeld.optimize.limits.limits import Limits, Rows
+from kennfeld.optimize.solver.gauss_newton import Settings, Stop, gauss_newton
 
 
 class Residuals:

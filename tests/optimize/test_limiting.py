@@ -13,7 +13,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.optimize import Criterion, Equality, Options, Problem, Seconds, Shape, Term, run
 from kennfeld.optimize.calibration import Run
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.roughness import Roughness
 
 FREE = (-np.inf, np.inf)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from kennfeld.graph.free_axes import AxisKey, with_breakpoints
 from kennfeld.native import Values
-from kennfeld.optimize.moving_roughness import MovingRoughness, roughness_of
+from kennfeld.optimize.free_axes.moving_roughness import MovingRoughness, roughness_of
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.parameters import Axis, Curve, Map, ParameterSet
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize import multistart, workers
+from kennfeld.optimize.search import multistart, workers
 
 X = np.linspace(0, 10, 120)
 
@@ -268,8 +268,8 @@ def test_starts_keep_pins_and_locks_exactly():
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_ctrl_c_before_the_first_step_leaves_nothing_to_keep(processes, monkeypatch):
-    from kennfeld.optimize.sequence import Climber
-    from kennfeld.optimize.workers import _Pool
+    from kennfeld.optimize.search.sequence import Climber
+    from kennfeld.optimize.search.workers import _Pool
 
     def press(*_):
         raise KeyboardInterrupt

@@ -3,8 +3,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.graph.lowering import lower
-from kennfeld.optimize import ordering
-from kennfeld.optimize.ordering import Cells, scored_in_order
+from kennfeld.optimize.data import ordering
+from kennfeld.optimize.data.ordering import Cells, scored_in_order
 
 X, Y = np.linspace(0, 10, 6), np.array([0.0, 3.0, 5.0])
 TABLES = {"M": kf.Map("M", X, Y, np.zeros((6, 3))), "C": kf.Curve("C", X, np.zeros(6)), "K": kf.Scalar("K", 0.0)}

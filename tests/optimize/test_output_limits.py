@@ -1,13 +1,16 @@
 """Limits of outputs, against a general convex solver and a search over a grid."""
 
 import cvxpy
+import idle
 import numpy as np
 import pytest
 
 import kennfeld as kf
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize import Criterion, Limit, Options, Problem, run
-from kennfeld.optimize.output_limits import FEASIBLE
+from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.limits.output_limits import FEASIBLE
+from kennfeld.optimize.scoring import Nodes
 
 GRID = np.linspace(0, 10, 11)
 
@@ -116,3 +119,24 @@ def test_a_closed_loop_keeps_its_overshoot_within_the_limit_and_is_the_best_that
     assert kept.cost_after == pytest.approx(cost, rel=1e-9)
     around = [overshoot(a * kp, b * ki) for a in np.linspace(0.9, 1.0, 11) for b in np.linspace(0.9, 1.1, 21)]
     assert cost <= 1.001 * min(c for c, top in around if top <= 1.01)
+
+
+def test_an_idle_governor_stays_below_its_limit_and_no_gains_nearby_are_better():
+    data, model, start = idle.mean_value()
+    free = kf.calibrate(model, data, start, target="rpm_ref", node="rpm")
+    kept = kf.calibrate(model, data, start, target="rpm_ref", node="rpm", limits={"rpm": (-np.inf, 2990.0)})
+    nodes = Nodes(model.graph, start, ["rpm"])
+    bound = bind(data, model.graph, {})
+
+    def run_with(kp, ki):
+        """Cost and highest speed."""
+        rpm = nodes.values(bound, idle.gains(kp, ki))[0]
+        return float(np.sum((rpm - data["rpm_ref"].values) ** 2)), float(rpm.max())
+
+    best = [kept.parameters[name].value for name in ("kp", "kI")]
+    assert run_with(*(free.parameters[name].value for name in ("kp", "kI")))[1] > 3050
+    cost, highest = run_with(*best)
+    assert highest <= 2990 * (1 + FEASIBLE)
+    assert kept.cost_after == pytest.approx(cost, rel=1e-9)
+    around = [run_with(a * best[0], b * best[1]) for a in np.linspace(0.7, 1.4, 29) for b in np.linspace(0.7, 1.4, 29)]
+    assert cost <= 1.001 * min(c for c, rpm in around if rpm <= 2990)

@@ -3,11 +3,11 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.densifying import densified, parts_of, thickened, turns_of
-from kennfeld.optimize.gauss_newton import Settings
+from kennfeld.optimize.free_axes.densifying import densified, parts_of, thickened, turns_of
+from kennfeld.optimize.free_axes.placing import coarse
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.placing import coarse
 from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.solver.gauss_newton import Settings
 
 
 def problem(*tables, smoothness=None):

@@ -6,8 +6,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
 from kennfeld.native import Factor
-from kennfeld.optimize.limits import Limits, Rows
-from kennfeld.optimize.quadratic import nonnegative_dual, solve
+from kennfeld.optimize.limits.limits import Limits, Rows
+from kennfeld.optimize.solver.quadratic import nonnegative_dual, solve
 
 
 def limited(lower, upper, matrix=None, target=None):

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.optimize.constraints import Equality, Term
+from kennfeld.optimize.limits.constraints import Equality, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.reduction import kept, penalty_ratio, reduced, reduced_table, refined_table
 from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.search.reduction import kept, penalty_ratio, reduced, reduced_table, refined_table
 from kennfeld.parameters import Axis, Map, ParameterSet
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.secant import Secant
+from kennfeld.optimize.solver.secant import Secant
 
 
 def test_what_was_learnt_explains_the_last_change():

@@ -5,9 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld import Step
-from kennfeld.optimize.constraints import Equality, Shape, Term
+from kennfeld.optimize.limits.constraints import Equality, Shape, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.step import standing, stepped, whole
+from kennfeld.optimize.search.step import standing, stepped, whole
 from kennfeld.project.demo import torque
 
 X = np.linspace(0.0, 3.0, 61)
@@ -236,3 +236,48 @@ def test_the_torque_maps_from_coarse_to_fine_end_no_higher_than_the_direct_fit()
         ).cost_after
 
     assert cost(steps=[Step(grid_reduction=3), Step(grid_reduction=2), Step()]) <= 1.01 * cost()
+
+
+def hinge(points):
+    """A curve of five points, to be fitted to a kink between even ones."""
+    return kf.ParameterSet([kf.Curve("C", kf.Axis(points, free=True), np.zeros(5)), kf.Scalar("k", 1.0, locked=True)])
+
+
+KINKED = {"x": X, "y": np.abs(X - 1.13)}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"steps": [Step(grid_reduction=2), Step()]},
+        {"steps": [Step(), Step(free=["k"], lock={"k": False}, max_iterations=1)]},
+        {"starts": 3, "workers": 1},
+        {"starts": 3, "workers": 2},
+    ],
+)
+def test_breakpoints_that_move_are_carried_from_step_to_step_and_from_start_to_result(options):
+    given = kf.Options(continuation="off", **options)
+    result = kf.calibrate(TEXT, KINKED, hinge(np.linspace(0, 3, 5)), "y", node="m", options=given)
+    points = result.parameters["C"].axes[0].breakpoints
+    assert np.abs(points - 1.13).min() < 0.02
+    assert result.quality[0].rmse_after < 0.01
+    error = kf.simulate(TEXT, KINKED, result.parameters)["m"].values - KINKED["y"]
+    assert np.sum(error**2) == pytest.approx(result.cost_after, rel=1e-9, abs=1e-20)
+
+
+def test_on_a_coarse_grid_breakpoints_stand_still():
+    start = hinge(np.linspace(0, 3, 5))
+    options = kf.Options(steps=[Step(grid_reduction=2)])
+    result = kf.calibrate(TEXT, KINKED, start, "y", node="m", options=options)
+    assert result.parameters["C"].axes[0].breakpoints.tolist() == start["C"].axes[0].breakpoints.tolist()
+
+
+def test_a_group_axis_stands_still_in_a_step_that_fits_one_of_its_tables():
+    axis = kf.Axis(np.linspace(0, 3, 5), name="AxisX", free=True)
+    start = kf.ParameterSet([kf.Curve("A", axis, np.zeros(5)), kf.Curve("B", axis, np.zeros(5))])
+    for steps, moves in (([Step(free=["A"])], False), ([Step(free=["A"]), Step()], True)):
+        options = kf.Options(steps=steps, continuation="off")
+        result = kf.calibrate("m = A(x) + 0.5 * B(x)", KINKED, start, "y", options=options)
+        ends = [result.parameters[name].axes[0].breakpoints.tolist() for name in "AB"]
+        assert ends[0] == ends[1]
+        assert (ends[0] != axis.breakpoints.tolist()) == moves

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.starts import distance, drawn_start
+from kennfeld.optimize.search.starts import distance, drawn_start
 
 X, Y = np.array([700.0, 1000.0, 2000.0, 4000.0, 6000.0]), np.linspace(0, 100, 7)
 

@@ -152,18 +152,37 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
         Project.read(shop.path)
 
 
-@pytest.mark.parametrize(
-    "section",
-    [
-        "[optimizer]\nmethod = 'global'",
-        "[parameters.Gain]\nsmoothness = 'auto'",
-        "[parameters.Gain]\nsmoothness = { x = 'auto' }",
-        "[[dataset]]\nfiles = 'bench.csv'\nshift = 'auto'",
-        "[[dataset]]\nfiles = 'bench.csv'\nshift = { Torque = 'auto' }",
-    ],
-)
-def test_what_a_later_version_brings_is_refused_not_ignored(shop, section):
-    assert "is not available in this version" in shop.add(section).error()
+@pytest.mark.parametrize("given", ["'auto'", "{ x = 'auto' }"])
+def test_smoothness_may_be_automatic(shop, given):
+    problem = shop.add(f"[parameters.Gain]\nsmoothness = {given}").project.problem()
+    assert problem.automatic_names == ("Gain",)
+
+
+def test_a_word_that_is_no_smoothness_is_refused(shop):
+    expected = "smoothness x: 'automatic' is no factor. Write a number from 0 on, or \"auto\"."
+    assert expected in shop.add("[parameters.Gain]\nsmoothness = { x = 'automatic' }").error()
+
+
+def test_a_shift_may_be_automatic_for_each_channel(shop):
+    shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nshift = { Torque = "auto", n = 1 }')
+    assert shop.project.problem().unknown_shifts == {"bench": ("Torque",)}
+
+
+def test_a_shift_is_automatic_for_named_channels_only(shop):
+    shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nshift = "auto"')
+    assert '"auto" stands for one channel. Write shift = { Channel = "auto" }.' in shop.error()
+
+
+def test_a_channel_that_others_are_calculated_from_has_no_automatic_shift(shop):
+    shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nshift = { Load = "auto" }')
+    shop.change('Speed = "n"', 'Speed = "n"\nLoad = "half"').add("[calculated]\nhalf = 'Load / 2'")
+    assert 'Load cannot be "auto", since [calculated] half is made of it' in shop.error()
+
+
+def test_a_test_dataset_cannot_find_a_shift_by_itself(shop):
+    shop.bench("fresh.csv")
+    shop.add("[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'\nshift = { Torque = 'auto' }")
+    assert "the shift of Torque is found on training data, and none asks for it" in shop.error()
 
 
 def test_an_output_format_of_a_later_version_is_refused(shop):

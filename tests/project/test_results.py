@@ -30,7 +30,7 @@ class Line:
 
     formats = (".dcm",)
 
-    def simulate(self, parameters=None):
+    def simulate(self, parameters=None, shifts=None):
         steady = Dataset.of("bench", {"y": [1.0, 2.0], "Torque": [1.5, np.nan]}, units={"y": "Nm"})
         moving = Dataset.of("drive", {"y": [3.0, 4.0, 5.0]}, time=np.array([0.0, 0.1, 0.0]), starts=np.array([0, 2]))
         return [steady, moving]
@@ -56,7 +56,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
-        *("starts", "resumed", "trust"),
+        *("starts", "resumed", "trust", "smoothness", "shifts"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}

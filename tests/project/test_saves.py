@@ -267,3 +267,15 @@ def test_the_folder_may_be_another_one(make, tmp_path):
     make(SAVING).calibrate(folder=tmp_path / "other")
     assert (tmp_path / "other" / "saves" / "1-end.json").exists()
     assert isinstance(make(SAVING).saves(tmp_path / "other"), Saves)
+
+
+def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkeypatch):
+    monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("[0, 1, 2, 3, 4] }", "[0, 1, 2, 3, 4], free = true }"))
+    whole = make(SAVING).calibrate()
+    states = [read_parameters(path) for path in (tmp_path / "results" / "saves").glob("*.json")]
+    assert len({tuple(state["C"].axes[0].breakpoints) for state in states}) > 1
+    lines = []
+    again = make(SAVING).calibrate(lines.append, resume=True)
+    assert lines == []
+    assert again.cost_after == pytest.approx(whole.cost_after, rel=1e-9)
+    assert again.parameters["C"].axes[0].breakpoints.tolist() == whole.parameters["C"].axes[0].breakpoints.tolist()

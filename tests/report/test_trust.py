@@ -1,11 +1,13 @@
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from kennfeld.project.results import write
-from kennfeld.report import document, from_folder
+from kennfeld.report import from_folder
+from kennfeld.report.page import page
+from kennfeld.report.subject import subject
 from kennfeld.report.trust import TrustView, view
 
 
@@ -36,12 +38,17 @@ def test_what_is_not_there_is_not_shown(trust):
     assert view(trust) == TrustView()
 
 
-def calibrated(shop, trust):
+def calibrated(shop):
     toml = (
         '[parameters.C]\nx = { input = "x", begin = 0, end = 4, count = 3 }\ninitial = 1\n[parameters.k]\ninitial = 0\n'
     )
     project = shop.project("y = C(x) + k\n", toml, {"x": np.tile([0.5, 1.5, 2.0], 9), "m": np.arange(27.0) % 5})
-    return project, replace(project.calibrate(), trust=trust)
+    return project, project.calibrate()
+
+
+def document(shop, trust):
+    project, result = calibrated(shop)
+    return page(subject(project, result, (), view(trust)))
 
 
 def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
@@ -53,7 +60,7 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
         by_smoothness={"C": np.array([False, False, True])},
         directions=(Direction("Adding 1 to C and -1 to k changes nothing.", "Pin <one> value of C."),),
     )
-    page = opened(document(*calibrated(shop, trust)))
+    page = opened(document(shop, trust))
     (figure,) = page.figures("parameter")
     assert figure["deviation"] == [0.25, 0.0, -1]
     assert figure["samples"] == [9, 27, 0]
@@ -65,7 +72,7 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
 
 
 def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
-    page = opened(document(*calibrated(shop, {})))
+    page = opened(document(shop, {}))
     (figure,) = page.figures("parameter")
     assert figure["samples"] == [18, 27, 0]
     assert (figure["deviation"], figure["informed"], figure["bySmoothness"]) == (None, None, None)
@@ -73,7 +80,7 @@ def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
 
 
 def test_arrays_of_another_shape_are_left_out(shop, opened):
-    page = opened(document(*calibrated(shop, Trust(deviation={"C": np.zeros(7)}))))
+    page = opened(document(shop, Trust(deviation={"C": np.zeros(7)})))
     assert page.figures("parameter")[0]["deviation"] is None
 
 
@@ -91,7 +98,7 @@ class TestStored:
 
     @pytest.fixture
     def folder(self, shop, tmp_path):
-        project, result = calibrated(shop, {})
+        project, result = calibrated(shop)
         self.project = project
         write(result, project, tmp_path / "results")
         found = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))

@@ -32,6 +32,15 @@ def test_a_model_with_memory_tells_its_states(written):
     assert {"name": "MapA", "kind": "map"} in found.as_json["parameters"]
 
 
+def test_a_model_with_events_tells_that_derivatives_do_not_see_them(written):
+    found = contents(written("relay.kf", "scalar K\non = hysteresis(K * u, 2, 1)\nheat = PT1(5 * on, 3)"))
+    assert found.notes == [
+        'on (>=, <=) jumps when parameters decide: derivatives do not see that, method = "global" does.'
+    ]
+    assert found.as_json["events"][0] == {"node": "on", "kind": ">=", "parameters": ["K"]}
+    assert contents(written("plain.kf", "scalar K\ny = if(K * u > 0, K * u, 0)")).notes == []
+
+
 def test_values_that_are_not_finite_are_null(written):
     found = contents(written("empty.csv", "a,b\n1,\n2,\n"))
     assert json.loads(json.dumps(found.as_json, allow_nan=False))["tables"][0]["channels"][1]["minimum"] is None

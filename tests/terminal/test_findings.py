@@ -16,8 +16,8 @@ def test_each_direction_is_a_line_with_its_mend():
     assert line == "  Scaling A by 1.01 changes nothing. Pin a value of A."
 
 
-def test_at_most_five_are_shown_and_the_rest_is_counted():
+def test_at_most_three_are_shown_and_the_rest_is_counted():
     many = tuple(replace(ONE, sentence=f"Number {i}.") for i in range(8))
     _, *lines, last = left_open(Trust(directions=many))
-    assert [line.split(". ")[0].strip() for line in lines] == [f"Number {i}" for i in range(5)]
-    assert last == "  and 3 more; see result.json"
+    assert [line.split(". ")[0].strip() for line in lines] == [f"Number {i}" for i in range(3)]
+    assert last == "  and 5 more; see result.json"

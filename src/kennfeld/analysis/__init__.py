@@ -2,19 +2,24 @@
 
 from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
 from kennfeld.analysis.cells import Cells
+from kennfeld.analysis.cross_validation import CrossValidation, FoldQuality, cross_validate, cross_validated
 from kennfeld.analysis.limits import OutputRange, Pressing, output_ranges, pressing
 from kennfeld.analysis.residuals import Errors, Residuals, Summary, WorstSample, residuals
 
 __all__ = [
     "Autocorrelation",
     "Cells",
+    "CrossValidation",
     "Errors",
+    "FoldQuality",
     "OutputRange",
     "Pressing",
     "Residuals",
     "Summary",
     "WorstSample",
     "autocorrelation",
+    "cross_validate",
+    "cross_validated",
     "output_ranges",
     "pressing",
     "residuals",

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.graph.free_axes import free_axes, standing
 from kennfeld.models.formula import extend
 from kennfeld.native import Values
 from kennfeld.optimize import Equality, Limit, Problem, Shape
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import ParameterSet
 
@@ -32,9 +33,10 @@ def pressing(problem: Problem, parameters: ParameterSet) -> tuple[Pressing, ...]
     offsets = np.cumsum([0, *(problem.parameters[name].size for name in problem.free_names)]).tolist()
     values = Values(dict(zip(problem.free_names, offsets, strict=False)), offsets[-1], 0, offsets[-1])
     flat = np.concatenate([np.zeros(0), *(parameters[name].values.ravel() for name in problem.free_names)])
+    still = standing(parameters, free_axes(parameters))  # the breakpoints are those of now
     found = []
     for constraint in problem.constraints:
-        alone = replace(problem, parameters=parameters, pins=(), constraints=(constraint,), limits=())
+        alone = replace(problem, parameters=still, pins=(), constraints=(constraint,), limits=())
         rows = limits_of(alone, values).rows
         product, size = rows.times(flat), rows.size(flat)
         at = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))

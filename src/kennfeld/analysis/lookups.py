@@ -11,7 +11,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.lowering import dependent
 from kennfeld.optimize import Problem
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import difference
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import Parameter, ParameterSet

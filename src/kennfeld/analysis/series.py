@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Builder, Graph
 from kennfeld.optimize import Criterion, Problem
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import difference
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import ParameterSet

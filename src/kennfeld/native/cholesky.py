@@ -96,6 +96,7 @@ class Cholesky:
     """
 
     def __init__(self, size: int) -> None:
+        _functions()  # compiled now, not in the first factorisation
         self._pattern: Bool = np.eye(size, dtype=bool)
         self._least = 0.0  # work of the envelope when its order was found
         self._take(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
@@ -141,7 +142,7 @@ ZERO, ONE = literal(0.0), literal(1.0)
 @cache
 def _functions() -> dict[str, Callable[..., None]]:
     written = [_load(), _factor(), _forward(), _backward()]
-    engine = Engine("".join(f.text() for f in written), vectors=True)
+    engine = Engine("".join(f.text() for f in written))
     return {f.name: engine.function(f.name, f.parameters) for f in written}
 
 

@@ -20,17 +20,17 @@ _compiling = threading.Lock()
 class Engine:
     """Machine code of one module; it lives as long as this object and the functions it handed out.
 
-    `vectors` tells that the text works on vectors already: what LLVM would look for to optimise is not there.
+    `loops` tells that there are loops over doubles for LLVM to work on; the code of a model runs as fast without.
     """
 
-    def __init__(self, text: str, *, vectors: bool = False) -> None:
+    def __init__(self, text: str, *, loops: bool = False) -> None:
         with _compiling:
             long = len(text) > LONG
             self._machine = _target_machine(effort=0 if long else 2)
             module = llvm.parse_assembly(_DECLARATIONS + text)
             module.triple = self._machine.triple
             module.data_layout = str(self._machine.target_data)
-            (_tidy if long or vectors else _optimise)(module, self._machine)
+            (_optimise if loops and not long else _tidy)(module, self._machine)
             self._engine = llvm.create_mcjit_compiler(module, self._machine)
             self._engine.finalize_object()
 

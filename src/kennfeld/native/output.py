@@ -7,7 +7,7 @@ from kennfeld.native.emitter import Step
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.rows import load_sample
 
-__all__ = ["Loss", "Output", "counts", "loss_of", "scaled_residual"]
+__all__ = ["Loss", "Output", "counts", "loss_of", "scaled_residual", "weighted"]
 
 Loss = Literal["square", "huber", "soft_l1", "excess"]
 ZERO = literal(0.0)
@@ -15,12 +15,18 @@ ZERO = literal(0.0)
 
 @dataclass(frozen=True)
 class Output:
-    """How the difference between a node and its target counts."""
+    """How the difference between a node and its target counts; node `weight` is a factor on the loss of each sample."""
 
     node: int
     scale: float = 1.0
     loss: Loss = "square"
     delta: float = 1.0
+    weight: int | None = None
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The nodes that its loss needs."""
+        return (self.node,) if self.weight is None else (self.node, self.weight)
 
 
 def scaled_residual(step: Step, at: int, output: Output) -> tuple[str, str]:
@@ -41,6 +47,11 @@ def counts(f: Function, at: int) -> str:
     """Whether an output has a target and a weight: what is switched off does not count, even where it is not finite."""
     weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
     return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
+
+
+def weighted(step: Step, factor: str, output: Output) -> str:
+    """A factor of the loss, times the weight of the sample."""
+    return factor if output.weight is None else step.f.fmul(factor, step.value(output.weight))
 
 
 def loss_of(f: Function, r: str, output: Output) -> tuple[str, str]:

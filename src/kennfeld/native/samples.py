@@ -61,6 +61,10 @@ class Samples:
         """The targets at some visits, shape (outputs, visits)."""
         return self.wanted.take(visits if self.order is None else self.order[visits])
 
+    def inputs_of(self, visits: Int) -> Float:
+        """The inputs at some visits, shape (inputs, visits)."""
+        return self.inputs.take(visits if self.order is None else self.order[visits])
+
     def scored(self, piece: Piece) -> Int:
         """How many samples of a piece each output is scored at."""
         found = np.zeros(len(self.targets), dtype=np.int64)

@@ -10,7 +10,7 @@ from kennfeld.graph.derivative import Linearization
 from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.output import Output, loss_of, scaled_residual
+from kennfeld.native.output import Output, loss_of, scaled_residual, weighted
 from kennfeld.native.rows import HEAD, find, visit
 
 __all__ = [
@@ -164,9 +164,9 @@ def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
             f = step.f
             residual, scored = scaled_residual(step, at, output)
             loss, _ = loss_of(f, residual, output)
-            f.increase(f.select(scored, loss, ZERO), "%sums", at)
+            f.increase(f.select(scored, weighted(step, loss, output), ZERO), "%sums", at)
 
-        return Item((output.node,), emit)
+        return Item(output.nodes, emit)
 
     tail = [add(at, output) for at, output in enumerate(outputs)]
     return loop_code("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout, len(outputs))

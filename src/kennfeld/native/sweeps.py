@@ -76,7 +76,7 @@ class Sweeps:
     @cached_property
     def fold(self) -> Callable[..., None]:
         """See `_fold`."""
-        return _compiled(_fold())
+        return _compiled(_fold(), loops=False)
 
 
 @cache
@@ -85,10 +85,10 @@ def sweeps(pattern: Pattern) -> Sweeps:
     return Sweeps(pattern)
 
 
-def _compiled(*functions: Function) -> Callable[..., None]:
-    """The last of the functions, which may call the others."""
+def _compiled(*functions: Function, loops: bool = True) -> Callable[..., None]:
+    """The last of the functions, which may call the others; without `loops` where to optimise them costs more time."""
     f = functions[-1]
-    return Engine("".join(g.text() for g in functions)).function(f.name, f.parameters)
+    return Engine("".join(g.text() for g in functions), loops=loops).function(f.name, f.parameters)
 
 
 def _row(f: Function, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:

@@ -20,7 +20,7 @@ from kennfeld.graph.pullback import PullBack
 from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.entries import entries_of, entry_items
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.output import Output, counts, loss_of, scaled_residual
+from kennfeld.native.output import Output, counts, loss_of, scaled_residual, weighted
 from kennfeld.native.pullprogram import FILLED, PullProgram
 from kennfeld.native.rows import find
 from kennfeld.native.slopes import PulledRows, WrittenRows, output_row, state_row
@@ -59,12 +59,12 @@ def _residual(at: int, output: Output, outputs: int) -> Item:
         residual, _ = scaled_residual(step, at, output)
         scored = counts(f, at)
         _, weight = loss_of(f, residual, output)
-        scored_weight = f.fmul(weight, f.load("%scores", at))
+        scored_weight = weighted(step, f.fmul(weight, f.load("%scores", at)), output)
         place = f.add(f.mul("%row", outputs), at)
         f.store(f.select(scored, residual, ZERO), "%residual", place)
         f.store(f.select(scored, scored_weight, ZERO), "%weight", place)
 
-    return Item((output.node,), emit)
+    return Item(output.nodes, emit)
 
 
 def _pulled_tape(line: Linearization, layout: Layout, rows: PulledRows, tail: list[Item], room: int) -> Code:

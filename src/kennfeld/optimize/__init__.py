@@ -2,17 +2,19 @@
 
 from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.optimize.calibration import Options, Progress
-from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape, Term
-from kennfeld.optimize.criterion import Criterion, Target
-from kennfeld.optimize.gauss_newton import Stop
-from kennfeld.optimize.multistart import run
+from kennfeld.optimize.criterion import Criterion, Region, Target
+from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Quality, Result, Seconds, StartResult, TraceLine
-from kennfeld.optimize.saved import Keep, Saved
-from kennfeld.optimize.step import Step
+from kennfeld.optimize.search.multistart import run
+from kennfeld.optimize.search.saved import Keep, Saved
+from kennfeld.optimize.search.step import Step
+from kennfeld.optimize.solver.gauss_newton import Stop
+from kennfeld.optimize.trust import Direction, Trust
 
 __all__ = [
     "Criterion",
+    "Direction",
     "Equality",
     "Keep",
     "Limit",
@@ -21,6 +23,7 @@ __all__ = [
     "Problem",
     "Progress",
     "Quality",
+    "Region",
     "Result",
     "Saved",
     "Seconds",
@@ -31,6 +34,7 @@ __all__ = [
     "Target",
     "Term",
     "TraceLine",
+    "Trust",
     "calibrate",
     "run",
     "simulate",

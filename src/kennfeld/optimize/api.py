@@ -1,7 +1,7 @@
 """`calibrate` and `simulate` for those who write Python."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,18 +14,20 @@ from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
-from kennfeld.optimize.binding import bind
 from kennfeld.optimize.calibration import Options, Progress
-from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.multistart import run
-from kennfeld.optimize.output_limits import check_limits
-from kennfeld.optimize.problem import Problem, Smoothness
+from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.data.weighting import weight_findings
+from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.limits.output_limits import check_limits
+from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize.search.multistart import run
 from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
-__all__ = ["calibrate", "resolved", "simulate"]
+__all__ = ["calibrate", "problem_of", "resolved", "simulate"]
 
 Data = Dataset | Mapping[str, ArrayLike]
 Start = ParameterSet | Mapping[str, float | Parameter]
@@ -42,11 +44,12 @@ def calibrate(
     test: Data | Sequence[Data] = (),
     free: Sequence[str] = ("*",),
     free_axes: Sequence[str] = (),
-    smoothness: float | Smoothness = 0.0,
+    smoothness: Factor | Smoothness = 0.0,
     limits: Mapping[str, tuple[float, float]] | Sequence[Limit] | None = None,
     pins: Sequence[Pin] = (),
     constraints: Sequence[Shape | Equality] = (),
     channels: Mapping[str, str] | None = None,
+    shift: Mapping[str, float | Literal["auto"]] | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -63,12 +66,15 @@ def calibrate(
         free: glob patterns of the parameters to fit; the others are kept.
         free_axes: glob patterns of the axes whose breakpoints to fit: group axes by name, others as `Table.x`. Axes
             made with `Axis(..., free=True)` are fitted in any case.
-        smoothness: factor for all tables, or by parameter, or by parameter and axis.
+        smoothness: factor for all tables, or by parameter, or by parameter and axis; "auto" in place of a factor has
+            it chosen from the data.
         limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
             training sample, which may be an expression over nodes and channels; or a list of `Limit`.
         pins: values that hold exactly at a coordinate.
         constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, where the names differ.
+        shift: moves channels of all data, value(t) = recorded(t - shift), in s, for steady-state points in samples;
+            "auto" finds the shift that fits best, for each training dataset.
         options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
@@ -80,6 +86,45 @@ def calibrate(
     >>> result.status, round(result.parameters["b"].value, 9)
     ('converged', 2.0)
     """
+    problem = problem_of(
+        model,
+        data,
+        start,
+        target,
+        node=node,
+        criteria=criteria,
+        test=test,
+        free=free,
+        free_axes=free_axes,
+        smoothness=smoothness,
+        limits=limits,
+        pins=pins,
+        constraints=constraints,
+        channels=channels,
+        shift=shift,
+    )
+    return run(problem, options or Options(), progress)
+
+
+def problem_of(
+    model: Model | str,
+    data: Data | Sequence[Data],
+    start: Start,
+    target: str | float | None = None,
+    *,
+    node: str | None = None,
+    criteria: Sequence[Criterion] = (),
+    test: Data | Sequence[Data] = (),
+    free: Sequence[str] = ("*",),
+    free_axes: Sequence[str] = (),
+    smoothness: Factor | Smoothness = 0.0,
+    limits: Mapping[str, tuple[float, float]] | Sequence[Limit] | None = None,
+    pins: Sequence[Pin] = (),
+    constraints: Sequence[Shape | Equality] = (),
+    channels: Mapping[str, str] | None = None,
+    shift: Mapping[str, float | Literal["auto"]] | None = None,
+) -> Problem:
+    """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
     if isinstance(free_axes, str):
         raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
     bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start), free_axes))
@@ -91,9 +136,10 @@ def calibrate(
     if isinstance(free, str):
         raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
     tables = _factors(smoothness, parameters)
+    datasets, unknown = _moved((*training, *scored), shift or {})
     problem = Problem(
         ready,
-        (*training, *scored),
+        datasets,
         parameters,
         tuple(criteria),
         tuple(free),
@@ -102,9 +148,10 @@ def calibrate(
         channels or {},
         tuple(constraints),
         outputs,
+        unknown,
     )
     _check(problem)
-    return run(problem, options or Options(), progress)
+    return problem
 
 
 def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
@@ -119,7 +166,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     findings = missing(ready.graph, [dataset], values, channels or {})
     if findings:
         raise InputError(findings)
-    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}), values)
+    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
 
 
 def resolved(model: Model, parameters: ParameterSet) -> Model:
@@ -154,25 +201,53 @@ def _told_apart(
     return bounds, tuple(Limit(name, *pair) for name, pair in limits.items() if name not in parameters)
 
 
-def _factors(given: float | Smoothness, parameters: ParameterSet) -> dict[str, tuple[float, ...]]:
+def _factors(given: Factor | Smoothness, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
     """Smoothness factors of each axis of each table, checked."""
     by_name = given if isinstance(given, Mapping) else dict.fromkeys(parameters, given)
-    factors = {}
+    factors: dict[str, tuple[Factor, ...]] = {}
     for name, value in by_name.items():
         if name not in parameters:
             raise ArgumentError(f"smoothness: {name} is no parameter. {nearest(name, parameters)}".strip())
         axes = len(parameters[name].axes)
-        try:
-            array = np.asarray(value, dtype=np.float64)
-            array = np.broadcast_to(array, (axes,)) if array.ndim == 0 else array
-        except TypeError:
-            raise ArgumentError(f"smoothness={value!r} of {name} must be a number, or one for each axis") from None
-        if array.shape != (axes,) or not np.all((array >= 0) & np.isfinite(array)):
+        single = isinstance(value, str) or np.ndim(value) == 0
+        found = [_factor(factor) for factor in ((value,) * axes if single else value)]  # type: ignore[union-attr]
+        if len(found) != axes or None in found:
             raise ArgumentError(
-                f"smoothness={value!r} of {name} must be a number from 0 on, or one for each of its {axes} axes"
+                f"smoothness={value!r} of {name} must be a number from 0 on, or one for each of its {axes} axes, "
+                'or "auto" in their place'
             )
-        factors[name] = tuple(float(factor) for factor in array)
+        factors[name] = tuple(factor for factor in found if factor is not None)
     return factors
+
+
+def _factor(given: Any) -> Factor | None:
+    """A factor as it is used; None where it is none."""
+    if isinstance(given, str):
+        return "auto" if given == "auto" else None
+    try:
+        factor = float(given)
+    except (TypeError, ValueError):
+        return None
+    return factor if 0 <= factor < np.inf else None
+
+
+def _moved(
+    datasets: Sequence[Dataset], shift: Mapping[str, float | Literal["auto"]]
+) -> tuple[tuple[Dataset, ...], dict[str, tuple[str, ...]]]:
+    """The datasets with known shifts applied, and the channels of each whose shift is to be found."""
+    channels = {channel for data in datasets for channel in data}
+    for name, by in shift.items():
+        if name not in channels:
+            raise ArgumentError(f"shift: there is no channel {name}. {nearest(name, channels)}".strip())
+        if not _is_shift(by):
+            raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
+    known = {name: float(by) for name, by in shift.items() if by != "auto"}
+    unknown = tuple(name for name, by in shift.items() if by == "auto")
+    return tuple(shifted(data, known) for data in datasets), {d.name: unknown for d in datasets} if unknown else {}
+
+
+def _is_shift(given: Any) -> bool:
+    return given == "auto" if isinstance(given, str) else bool(np.ndim(given) == 0 and np.isfinite(given))
 
 
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
@@ -204,6 +279,11 @@ def _check(problem: Problem) -> None:
     for pin in problem.pins:
         if not np.all(np.isfinite((*pin.at, pin.value))):
             findings.append(Finding(f"pin of {pin.parameter}", f"{pin.value} at {list(pin.at)} is not finite"))
+    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
+    weights = weight_findings(
+        problem.criteria, training, lambda i: f"criterion on {problem.criteria[i].node}", lambda d: f"dataset {d.name}"
+    )
+    findings += [finding for finding in weights if finding.severity == "error"]
     names = problem.model.graph.names
     channels = {channel for data in problem.datasets for channel in data}
     for criterion in problem.criteria:

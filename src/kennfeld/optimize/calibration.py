@@ -11,25 +11,26 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.optimize.breakpoints import left_behind, told
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limiting import limits_of
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.free_axes.breakpoints import left_behind, told
+from kennfeld.optimize.free_axes.placing import Placing, coarse
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.output_limits import OutputLimits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.output_limits import OutputLimits
-from kennfeld.optimize.placing import Placing, coarse
 from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
-from kennfeld.optimize.step import Step
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.search.step import Step
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Options", "Progress", "Run", "run"]
 
+ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
@@ -37,6 +38,8 @@ CREASED = 3e-3  # relative difference of two ends from which creases matter
 class Options:
     """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
 
+    `method` `global` searches without gradients, for few values and a cost that jumps; all values need bounds.
+    `max_evaluations` is its budget, 500 (values + 4) where it is 0, and `seed` that of its random numbers.
     The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
     and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
     through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
@@ -45,6 +48,8 @@ class Options:
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    method: Literal["gauss-newton", "global"] = "gauss-newton"
+    max_evaluations: int = 0
     starts: int = 1
     seed: int = 0
     spread: float = 0.5
@@ -53,7 +58,10 @@ class Options:
     save_every: int = 0
 
     def __post_init__(self) -> None:
-        for name, least in (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0)):
+        if self.method not in ("gauss-newton", "global"):
+            raise ArgumentError(f"method={self.method!r} must be gauss-newton or global")
+        whole = (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0), ("max_evaluations", 0))
+        for name, least in whole:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | np.integer) and value >= least):
                 raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
@@ -87,13 +95,13 @@ class Run:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
-        _require(problem)
+        _require(problem, options)
         self.problem, self.options, self.progress = problem, options, progress
         self.watch: Callable[[TraceLine, Float], None] | None = None  # hears of the values as well
         self.began = time.perf_counter()
         self.exact = Compiled(problem)
         self.objective = SumOfSquares(self.exact)
-        smoothed = options.continuation != "off"
+        smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
@@ -168,18 +176,44 @@ class Run:
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
         long one is worth its time.
         """
+        if self.options.method == "global":
+            return self._searched(start, limits)
         settings = coarse(self.options.settings) if self.problem.free_axes else self.options.settings
         ends: list[Descent] = []
         if self.continuation is not None:
             ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
         if not ends or ends[-1].status != "stopped":
-            ends.append(gauss_newton(self.objective, start, limits, settings, partial(self._report, "plain")))
+            ends += self._plain(start, limits, settings, ends)
         if self.continuation is not None and _differ(ends):
             ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
         if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
             placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
             ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
+
+    def _searched(self, start: Float, limits: Limits) -> Descent:
+        """The end of a search without gradients, and of a descent from there."""
+        from kennfeld.optimize.search.feasible_first import FeasibleFirst
+        from kennfeld.optimize.search.global_search import GlobalSettings, global_search, polished
+
+        search = GlobalSettings(self.options.max_evaluations, self.options.seed)
+        if self.outputs is not None:
+            first = FeasibleFirst(self.objective, self.outputs, self.parameters)
+            found = first.search(start, limits, search, partial(self._report, "global"))
+            return first.polished(found, limits, self.options.settings, self._report)
+        found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
+        return polished(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
+
+    def _plain(self, start: Float, limits: Limits, settings: Settings, before: Sequence[Descent]) -> list[Descent]:
+        """The plain descent; where another one came before, it goes on to its very end only if it came lower."""
+        report = partial(self._report, "plain")
+        if not before:
+            return [gauss_newton(self.objective, start, limits, settings, report)]
+        rough = replace(settings, tolerance=max(settings.tolerance, ROUGH), patience=2)
+        ends = [gauss_newton(self.objective, start, limits, rough, report)]
+        if ends[0].status == "converged" and not ends[0].cost > before[-1].cost:
+            ends.append(gauss_newton(self.objective, ends[0].values, limits, settings, report))
+        return ends
 
     def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
         """The end moved to where the limits of outputs hold; from there, else from the start."""
@@ -271,7 +305,7 @@ def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
     return replace(best, **effort)
 
 
-def _require(problem: Problem) -> None:
+def _require(problem: Problem, options: Options) -> None:
     """Findings that leave nothing to fit."""
     findings = []
     if not problem.criteria:
@@ -289,6 +323,10 @@ def _require(problem: Problem) -> None:
             for c in problem.criteria
             if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
         ]
+    if options.method == "global":
+        from kennfeld.optimize.search.global_search import unbounded
+
+        findings += unbounded(problem)
     if findings:
         raise InputError(findings)
 

@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem, smoothable
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 
 __all__ = ["LONG", "SHORT", "Continuation", "Ladder"]
 
@@ -32,7 +32,7 @@ class Ladder:
     tolerance: float
 
 
-SHORT = Ladder(tuple(1.0 / 2**i for i in range(6)), 1e-4)
+SHORT = Ladder(tuple(1.0 / 2**i for i in range(6)), 3e-5)
 LONG = Ladder(tuple(4.0 / 2**i for i in range(8)), 1e-5)
 
 

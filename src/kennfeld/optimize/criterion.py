@@ -1,12 +1,13 @@
 """What the optimizer shall reach."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native import Loss
 
-__all__ = ["Criterion", "Target"]
+__all__ = ["Criterion", "Region", "Target"]
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,31 @@ class Target:
 
 
 @dataclass(frozen=True)
+class Region:
+    """Samples with a weight of their own: those at which `where` holds, formula text over channels.
+
+    >>> Region("Speed > 3000", 2.0)
+    Region(where='Speed > 3000', weight=2.0)
+    """
+
+    where: str
+    weight: float
+
+    def __post_init__(self) -> None:
+        if not self.where.strip():
+            raise ArgumentError("where of a region is empty; it must be a condition such as 'Speed > 3000'")
+        if not 0 <= self.weight < float("inf"):
+            raise ArgumentError(f"weight={self.weight} of the region {self.where} must be a number from 0 on")
+
+
+@dataclass(frozen=True)
 class Criterion:
     """A node that shall follow its target.
 
     Its part of the cost is `weight` times the sum of losses of (node - target) / scale. `loss` is `square`, `huber` or
     `soft_l1`, the latter two with their `delta` in units of the scale; or `excess`, the square above the target alone.
+    The loss of a sample is multiplied by its value of the channel `weight_channel`, where one is named, and by the
+    weight of each region that it lies in.
 
     >>> Criterion("TorquePredict", "Torque").target
     Target(kind='name', name='Torque', value=0.0)
@@ -48,6 +69,13 @@ class Criterion:
     loss: Loss = "square"
     delta: float = 1.0
     scale: float = 1.0
+    weight_channel: str = ""
+    regions: tuple[Region, ...] = ()
+
+    @property
+    def internal(self) -> bool:
+        """Whether it stands for something else, such as a limit: its node has a name that no formula text can have."""
+        return self.node.startswith("\0")
 
     def __init__(
         self,
@@ -57,6 +85,8 @@ class Criterion:
         loss: Loss = "square",
         delta: float = 1.0,
         scale: float = 1.0,
+        weight_channel: str = "",
+        regions: Sequence[Region] = (),
     ) -> None:
         if not 0 <= weight < float("inf"):
             raise ArgumentError(f"weight={weight} of the criterion on {node} must be a number from 0 on")
@@ -66,5 +96,6 @@ class Criterion:
             if not 0 < value < float("inf"):
                 raise ArgumentError(f"{name}={value} of the criterion on {node} must be a number above 0")
         settings = {"weight": weight, "loss": loss, "delta": delta, "scale": scale}
-        for name, given in ({"node": node, "target": Target.of(target)} | settings).items():
+        samples = {"weight_channel": weight_channel, "regions": tuple(regions)}
+        for name, given in ({"node": node, "target": Target.of(target)} | settings | samples).items():
             object.__setattr__(self, name, given)

@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.native import Cholesky
-from kennfeld.optimize.breakpoints import order_of, rising
+from kennfeld.optimize.free_axes.breakpoints import order_of, rising
 from kennfeld.optimize.problem import Compiled
 
 __all__ = ["SumOfSquares"]

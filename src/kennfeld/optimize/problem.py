@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 
@@ -15,27 +16,31 @@ from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
 from kennfeld.graph.lowering import Lowered, lower, rewrite
 from kennfeld.graph.split import split
 from kennfeld.models import Model
-from kennfeld.native import Accumulator, Kernel, Output, Samples
-from kennfeld.optimize.binding import Bound, bind
-from kennfeld.optimize.breakpoints import Place, fitted_axes
-from kennfeld.optimize.constraints import Equality, Limit, Pin, Shape
+from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.gathering import Source, gather
-from kennfeld.optimize.moving_roughness import roughness_of
+from kennfeld.optimize.data.binding import Bound, bind
+from kennfeld.optimize.data.gathering import Source, gather
+from kennfeld.optimize.data.settling import ages, averaged, averages, fewer_pieces, restarted
+from kennfeld.optimize.data.weighting import Weighting
+from kennfeld.optimize.free_axes.breakpoints import Place, fitted_axes
+from kennfeld.optimize.free_axes.moving_roughness import roughness_of
+from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "smoothable"]
 
 MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
-Smoothness = Mapping[str, float | Sequence[float]]
+Factor = float | Literal["auto"]
+Smoothness = Mapping[str, Factor | Sequence[Factor]]
 
 
 @dataclass(frozen=True)
 class Problem:
     """Everything a calibration needs, with nothing computed yet.
 
-    `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis.
-    `channels` names the channel of a model input where the names differ.
+    `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
+    "auto" in its place. `channels` names the channel of a model input where the names differ. `unknown_shifts` names,
+    by dataset, the channels whose shift is to be found.
     """
 
     model: Model
@@ -48,6 +53,7 @@ class Problem:
     channels: Mapping[str, str] = field(default_factory=dict)
     constraints: tuple[Shape | Equality, ...] = ()
     limits: tuple[Limit, ...] = ()
+    unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -88,17 +94,22 @@ class Problem:
 
     def bind(self, dataset: Dataset) -> Bound:
         """A dataset as the model reads it."""
-        return bind(dataset, self.graph, self.channels)
+        return bind(dataset, self.graph, self.channels, self.model.step)
 
     @cached_property
     def graph(self) -> Graph:
-        """The model's graph with one more node a criterion, named by `difference`: node minus target node."""
+        """The model's graph with one more node a criterion, named by `difference`: node minus target node.
+
+        Where steady-state points are averaged over the end of their settling, it is the mean of that.
+        """
         b = Builder.of(self.model.graph)
         names = dict(self.model.graph.names)
+        averaging = averages(self.model.graph, self.datasets)
         for i, criterion in enumerate(self.criteria):
             node = names[criterion.node]
             other = self.target_node(criterion)
-            names[difference(i)] = node if other is None else b.call("sub", node, names[other])
+            found = node if other is None else b.call("sub", node, names[other])
+            names[difference(i)] = averaged(b, found) if averaging and not criterion.internal else found
         return b.finish(names, self.model.graph.units, self.model.graph.outputs)
 
     def target_node(self, criterion: Criterion) -> str | None:
@@ -121,10 +132,22 @@ class Problem:
         return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
-        """Smoothness of each axis of a parameter."""
+        """Smoothness of each axis of a parameter; 0 where it is automatic, until it is chosen."""
+        return tuple(0.0 if factor == "auto" else float(factor) for factor in self._smoothness(name))
+
+    def automatic(self, name: str) -> tuple[bool, ...]:
+        """Whether the smoothness of each axis of a parameter is to be chosen."""
+        return tuple(factor == "auto" for factor in self._smoothness(name))
+
+    @cached_property
+    def automatic_names(self) -> tuple[str, ...]:
+        """The free parameters with an axis whose smoothness is to be chosen."""
+        return tuple(name for name in self.free_names if any(self.automatic(name)))
+
+    def _smoothness(self, name: str) -> Sequence[Factor]:
         given = self.smoothness.get(name, 0.0)
-        axes = len(self.parameters[name].axes)
-        return tuple(given) if isinstance(given, Sequence) else (float(given),) * axes
+        single = isinstance(given, str) or not isinstance(given, Sequence)
+        return (given,) * len(self.parameters[name].axes) if single else given  # type: ignore[return-value]
 
 
 def difference(criterion: int) -> str:
@@ -153,16 +176,23 @@ class Compiled:
     def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
         self.problem = problem
         parameters, free = problem.parameters, problem.free_names
-        lowered = lower(_with_even_step(problem.graph, problem.training), parameters, free if smooth_like else ())
+        self.weighting = Weighting.of(problem.criteria, problem.training)
+        graph = self.weighting.extended(problem.graph)
+        self._restarts = any(bound.hold is not None for bound in problem.training)
+        if self._restarts:
+            graph = restarted(graph)
+        lowered = lower(_with_even_step(graph, problem.training), parameters, free if smooth_like else ())
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         outputs = _outputs(problem)
-        self._split = split(lowered.graph, outputs, fitted)
+        self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
         reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
+        names = reduced.graph.names
+        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
         self.kernel = Kernel(
             reduced,
             [
-                Output(reduced.graph.names[name], c.scale, c.loss, c.delta)
-                for name, c in zip(outputs, problem.criteria, strict=True)
+                Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
+                for i, (name, c) in enumerate(zip(outputs, problem.criteria, strict=True))
             ],
             parameters,
             fitted,
@@ -179,8 +209,19 @@ class Compiled:
         """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [samples.scored(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
+        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
+
+    def _counts(self, piece: Piece) -> Float:
+        """How many samples of a piece each output scores; weighted ones count as much as their weight."""
+        counts = self.samples.scored(piece).astype(np.float64)
+        if self.weighting.inputs:
+            visits = np.arange(piece.first, piece.last)
+            scored = np.isfinite(self.samples.targets_of(visits))
+            inputs = self.samples.inputs_of(visits)
+            for i, name in self.weighting.inputs.items():
+                counts[i] = inputs[self.kernel.layout.inputs[name]][scored[i]].sum()
+        return counts
 
     def reweighted(self, factors: Float) -> "Compiled":
         """The same with the weight of each criterion times a factor; nothing is compiled again."""
@@ -205,10 +246,16 @@ class Compiled:
 
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
-        sources = [
-            Source(bound, [partial(problem.target, c, bound) for c in problem.criteria], self._scores(bound))
-            for bound in problem.gathered
-        ]
+        sources = []
+        for bound in problem.gathered:
+            further = self.weighting.columns(bound) | (ages(bound.hold, bound.count) if self._restarts else {})
+            starts = bound.starts if bound.hold is None else fewer_pieces(bound.starts)
+            whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
+            targets = [
+                partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
+                for i, c in enumerate(problem.criteria)
+            ]
+            sources.append(Source(whole, targets, self._scores(bound)))
         return gather(sources, lowered, self._split, self.kernel, problem.parameters)
 
     def _scores(self, bound: Bound) -> Float:

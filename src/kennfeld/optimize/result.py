@@ -1,6 +1,7 @@
 """What a calibration gives back."""
 
 import html
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import free_axes
-from kennfeld.optimize.gauss_newton import Status
+from kennfeld.optimize.solver.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
 if TYPE_CHECKING:
@@ -91,6 +92,8 @@ class Result:
     """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
 
     `starts` has a row for each start; `resumed` names the saved states that the search went on from.
+    `smoothness` holds the factors of each table with an automatic one, by axis: x, y, z or w.
+    `shifts` holds the shifts that were found, by dataset and channel, in s; for steady-state data in samples.
     """
 
     status: Status
@@ -109,6 +112,8 @@ class Result:
     inspection: "Inspection | None" = field(default=None, repr=False, compare=False)
     starts: tuple[StartResult, ...] = ()
     resumed: tuple[str, ...] = ()
+    smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
@@ -146,6 +151,11 @@ class Result:
             "starts": [row.as_json() for row in self.starts],
             "resumed": list(self.resumed),
             "trust": self.trust.as_json(),
+            "smoothness": {
+                name: {axis: _number(factor) for axis, factor in factors.items()}
+                for name, factors in self.smoothness.items()
+            },
+            "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:

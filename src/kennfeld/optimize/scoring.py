@@ -11,7 +11,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lowering import lower
 from kennfeld.native import Simulator
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.result import Quality
 from kennfeld.parameters import ParameterSet
@@ -47,8 +47,10 @@ class Nodes:
                 yield here, found[:, here.start - first : here.stop - first]
 
     def dataset(self, bound: Bound, parameters: ParameterSet) -> Dataset:
-        """The nodes as channels, over the samples of a bound dataset."""
+        """The nodes as channels, over the samples of a bound dataset; one value a point where points are held."""
         values = self.values(bound, parameters)
+        if bound.hold is not None:
+            values, bound = bound.hold.mean(values), bound.shown
         channels = tuple(Channel(n, v, self._units.get(n, "")) for n, v in zip(self._names, values, strict=True))
         time = None if bound.dataset.time is None else bound.dataset.time[bound.kept]
         starts = bound.starts if bound.count else np.zeros(1, dtype=np.int64)

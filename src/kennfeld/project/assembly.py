@@ -8,9 +8,9 @@ import numpy as np
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
-from kennfeld.optimize.binding import Bound
-from kennfeld.optimize.output_limits import channels_of, check_limits
-from kennfeld.optimize.projection import infeasible
+from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.limits.output_limits import channels_of, check_limits
+from kennfeld.optimize.limits.projection import infeasible
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
@@ -21,6 +21,8 @@ from kennfeld.project.function import Function, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
 from kennfeld.project.locking import untouched
+from kennfeld.project.method import method_findings
+from kennfeld.project.samples import sample_findings, settling_findings, weight_channels
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import build_steps
 from kennfeld.project.tables import Tables, build_tables
@@ -80,6 +82,7 @@ class _Assembling:
         tables = None if initial is None else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
         self._check_datasets()
+        self._check_shifts()
         if tables is not None and self.function is not None:
             self._check_tables(tables, self.function)
         constraints = Constraints()
@@ -91,6 +94,8 @@ class _Assembling:
         self.findings += check_free_axes(self.file, problem)
         self._check_samples(problem)
         self._check_limits(problem)
+        findings += method_findings(file, problem)
+        findings += sample_findings(file, problem, self.loaded)
         return None if self.failed else self._feasible(self._locked(problem, tables))
 
     def _feasible(self, problem: Problem) -> Problem | None:
@@ -113,6 +118,7 @@ class _Assembling:
             channels=dict(self.file.channels),
             constraints=constraints.linear,
             limits=constraints.limits,
+            unknown_shifts=dict(self.loaded.unknown_shifts),
         )
 
     @property
@@ -158,7 +164,8 @@ class _Assembling:
         if function is not None:
             limits = [Limit(entry.node, entry.lower, entry.upper, entry.where) for entry in file.limits]
             targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
-        optional = {**targets, **{name: why for name, why in quantiles.items() if name not in nodes}}
+        optional = {**weight_channels(file), **targets}
+        optional |= {name: why for name, why in quantiles.items() if name not in nodes}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
@@ -166,7 +173,7 @@ class _Assembling:
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of calculated channels that nothing uses; conditions may use any."""
-        conditions = " ".join(entry.where for entry in self.file.datasets)
+        conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
         if self.function is None:
             return
         used = {*calculated.needed(names), *calculated.broken}
@@ -189,12 +196,32 @@ class _Assembling:
         if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
             mend = 'Write use = "training" and a weight above 0 in one of them.'
             self._report("[[dataset]]", "no dataset is used for training", mend)
-        if self.function is None or not uses_clock(self.function.graph):
+        if self.function is None:
+            return
+        self.findings += settling_findings(self.function.graph, self.loaded)
+        if not uses_clock(self.function.graph):
             return
         for data in self.loaded.datasets:
-            if data.time is None:
+            if data.time is None and data.settling is None:
                 what = f"the function needs time steps, but dataset {data.name} has no time stamps"
-                self.findings.append(Finding(self.loaded.places[data.name], what, "Name the time channel `time`."))
+                mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+                self.findings.append(Finding(self.loaded.places[data.name], what, mend))
+
+    def _check_shifts(self) -> None:
+        """What stands in the way of finding a shift."""
+        step, sought = self._step(), self.loaded.unknown_shifts
+        training = {n for d in self.loaded.datasets if d.use == "training" for n in sought.get(d.name, ())}
+        for data in self.loaded.datasets:
+            place = f"{self.loaded.places[data.name]} shift"
+            for channel in sought.get(data.name, ()):
+                if channel not in training:
+                    what = f"the shift of {channel} is found on training data, and none asks for it"
+                    self.findings.append(Finding(place, what, 'Write "auto" in a training dataset too, or a number.'))
+            if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
+                own = [entry.raster for entry in self.file.datasets if entry.raster]
+                if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
+                    what = f"a shift cannot be found while the model's step of {step:g} s is finer than the data's"
+                    self.findings.append(Finding(place, what, f"Write raster = {step:g}, or a number."))
 
     def _check_tables(self, tables: Tables, function: Function) -> None:
         """What the function and its parameters must agree on."""

@@ -5,17 +5,14 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from types import MappingProxyType
 
-import numpy as np
-
-from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError
-from kennfeld.graph import CLOCK, Graph
+from kennfeld.graph import Graph
 from kennfeld.models.formula import expression
-from kennfeld.parameters import ParameterSet
+from kennfeld.optimize.data.evaluation import evaluated, uses_clock
 from kennfeld.project.schema import ProjectFile
 
-__all__ = ["Calculated", "evaluated", "read_calculated", "read_expression"]
+__all__ = ["Calculated", "evaluated", "read_calculated", "read_expression", "uses_clock"]
 
 
 @dataclass(frozen=True)
@@ -87,34 +84,3 @@ def read_expression(text: str, place: str, findings: list[Finding]) -> Graph | N
     except InputError as error:
         findings += error.findings
         return None
-
-
-def uses_clock(graph: Graph) -> bool:
-    """Whether the graph reads the time or the step."""
-    return any(node.op == "input" and node.payload in CLOCK for node in graph.nodes)
-
-
-def evaluated(graph: Graph, dataset: Dataset) -> Float:
-    """The node `value` of a graph over all samples of a dataset; NaN where an input is missing."""
-    if graph.states or uses_clock(graph):
-        return _simulated(graph, dataset)
-    from kennfeld.graph.interpreter import evaluate
-
-    columns = {name: dataset[name].values for name in graph.inputs}
-    with np.errstate(all="ignore"):
-        found = evaluate(graph, columns, ParameterSet())["value"]
-    return np.array(np.broadcast_to(found, dataset.samples))
-
-
-def _simulated(graph: Graph, dataset: Dataset) -> Float:
-    """With memory: states start anew at each piece and after each gap."""
-    from kennfeld.graph.lowering import lower
-    from kennfeld.native import Simulator
-    from kennfeld.optimize.binding import bind
-
-    bound = bind(dataset, graph, {})
-    lowered = lower(graph, ParameterSet())
-    simulator = Simulator(lowered, [lowered.graph.names["value"]], ParameterSet())
-    result = np.full(dataset.samples, np.nan)
-    result[bound.kept] = simulator.over(bound.columns, bound.count, ParameterSet(), bound.starts.tolist())[0]
-    return result

@@ -13,6 +13,7 @@ from kennfeld.optimize.problem import difference
 from kennfeld.parameters import Parameter
 from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
+from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
 
 __all__ = ["warnings_of"]
@@ -44,7 +45,8 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_beyond(file, problem),
         *_idle(file, problem),
     ]
-    return [Finding(place, what, mend, severity="warning") for place, what, mend in found]
+    warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
+    return [*warnings, *event_warning(file, problem)]
 
 
 _Warning = tuple[str, str, str]

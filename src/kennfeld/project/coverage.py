@@ -11,7 +11,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.lowering import Lowered, dependent, lower
 from kennfeld.native import Simulator
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.parameters import Parameter, ParameterSet
 
 __all__ = ["Block", "Coverage", "touched"]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, nearest
-from kennfeld.optimize import Criterion, Target
+from kennfeld.optimize import Criterion, Region, Target
 from kennfeld.project.function import Function
 from kennfeld.project.loading import Loaded
 from kennfeld.project.schema import CriterionEntry, ProjectFile
@@ -23,7 +23,11 @@ def build_criteria(
         if target is None:
             continue
         settings = {"weight": entry.weight, "loss": entry.loss, "delta": entry.delta, "scale": entry.scale}
-        criterion = Criterion(entry.node, target, **settings)  # type: ignore[arg-type]
+        samples = {
+            "weight_channel": entry.weight_channel,
+            "regions": [Region(r.where, r.weight) for r in entry.regions],
+        }
+        criterion = Criterion(entry.node, target, **settings, **samples)  # type: ignore[arg-type]
         key = (entry.node, str(target))
         if key in first:
             what = f"{entry.node} against {target} stands already in {first[key]}"

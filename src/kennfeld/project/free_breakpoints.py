@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding
 from kennfeld.graph.free_axes import AxisKey
-from kennfeld.optimize.breakpoints import bounds_of, left_behind
+from kennfeld.optimize.free_axes.breakpoints import bounds_of, left_behind
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Axis
 from kennfeld.project.schema import AxisEntry, ProjectFile

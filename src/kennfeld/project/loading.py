@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.dataset import Dataset, concatenate
+from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
@@ -38,6 +38,7 @@ class Loaded:
     datasets: list[Dataset] = field(default_factory=list)
     places: dict[str, str] = field(default_factory=dict)  # of each dataset, by its name
     offered: dict[str, None] = field(default_factory=dict)
+    unknown_shifts: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each dataset that has some
     complete: bool = True
 
 
@@ -61,6 +62,8 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
             findings.append(Finding(f"{entry.place} name", what, "Give one of them a name of its own."))
         else:
             loaded.datasets.append(made)
+            if entry.unknown_shifts:
+                loaded.unknown_shifts[made.name] = entry.unknown_shifts
             loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
     return loaded
 
@@ -83,7 +86,8 @@ class _Loading:
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
         conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
-        self.required = {**dict(wanted.required), **conditions}
+        weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
+        self.required = {**dict(wanted.required), **conditions, **weights}
         self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
         self.failed = bool(entry.where) and self.where is None
 
@@ -117,10 +121,15 @@ class _Loading:
 
     def _check_shift(self) -> None:
         used = {*self.calculated.needed([*self.required, *self.optional]), *self._channels(), *self.calculated.graphs}
-        for name in self.entry.shift or {}:
+        for name in (*(self.entry.shift or {}), *self.entry.unknown_shifts):
             if name not in used:
                 mend = nearest(name, used) or "Name a channel of the files or a calculated one."
                 self._report("shift", f"nothing uses a channel {name}", mend)
+        for name in self.entry.unknown_shifts:
+            after = [other for other, graph in self.calculated.graphs.items() if name in graph.inputs]
+            if after:
+                what = f'{name} cannot be "auto", since [calculated] {after[0]} is made of it'
+                self._report("shift", what, "Give a number, or shift what the function reads.")
 
     def _channels(self) -> list[str]:
         return self.calculated.recorded([*self.required, *self.optional])
@@ -193,7 +202,8 @@ class _Loading:
         name = self.entry.name or default_name(paths, self.entry.files[0])
         joined = concatenate(name, whole) if len(whole) > 1 else whole[0]
         use, weight = self.entry.use, self.entry.weight
-        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap)
+        sampled = self.entry.weight_channel
+        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap, weight_channel=sampled)
 
     def _check_units(self, parts: Sequence[Dataset]) -> None:
         units: dict[str, str] = {}
@@ -208,6 +218,7 @@ class _Loading:
 
     def _finished(self, dataset: Dataset) -> Dataset | None:
         shift = self.entry.shift or {}
+        dataset = self._held(dataset)
         if not self._fits_time(dataset, shift):
             return None
         dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
@@ -221,6 +232,15 @@ class _Loading:
         if self.wanted.step is not None:
             dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
         return dataset
+
+    def _held(self, dataset: Dataset) -> Dataset:
+        """The dataset as points to be held, whatever their time stamps, where the entry asks for it."""
+        entry = self.entry
+        if entry.settle is None:
+            return dataset
+        return replace(
+            dataset, time=None, settling=Settling(entry.settle, entry.average, entry.step or self.wanted.step)
+        )
 
     def _fits_time(self, dataset: Dataset, shift: Mapping[str, float]) -> bool:
         """Whether what the entry says fits data without time stamps, where there are none."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool
 from kennfeld.optimize import Problem
-from kennfeld.optimize.binding import Bound
+from kennfeld.optimize.data.binding import Bound
 from kennfeld.parameters import Parameter
 from kennfeld.project.coverage import Coverage, touched
 from kennfeld.project.schema import DIRECTIONS, Range

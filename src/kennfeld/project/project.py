@@ -1,6 +1,6 @@
 """A project: one file that says what is calibrated, with which data, and how."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -56,6 +56,8 @@ class Project:
             max_iterations=given.max_iterations,
             tolerance=given.tolerance,
             continuation=given.continuation,
+            method=given.method,
+            max_evaluations=given.max_evaluations,
             starts=given.starts,
             seed=given.seed,
             spread=given.spread,
@@ -138,12 +140,20 @@ class Project:
 
         return Saves(Path(folder or self.path.parent / "results"), self.path)
 
-    def simulate(self, parameters: ParameterSet | None = None) -> list[Dataset]:
+    def simulate(
+        self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
+    ) -> list[Dataset]:
         """All named nodes and the target channels, over every dataset.
 
         `parameters` replace those of the project where they have the same name; by default the start is simulated.
+        `shifts` are those that a calibration found, by dataset and channel.
         Raises `InputError` like `problem`, and where a given table does not fit the function.
         """
         from kennfeld.project.simulation import simulations
 
-        return simulations(self.problem(), parameters)
+        problem = self.problem()
+        if shifts:
+            from kennfeld.optimize.choice.lag import moved
+
+            problem = moved(problem, shifts)
+        return simulations(problem, parameters)

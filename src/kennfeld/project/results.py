@@ -32,7 +32,9 @@ class Simulated(Protocol):
     def formats(self) -> Sequence[str]:
         """File endings of the calibration formats asked for, such as `.dcm`."""
 
-    def simulate(self, parameters: ParameterSet | None = None) -> list[Dataset]:
+    def simulate(
+        self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
+    ) -> list[Dataset]:
         """Nodes and targets over all datasets."""
 
 
@@ -44,7 +46,7 @@ def write(
     Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
     """
     target = Path(folder)
-    simulation = project.simulate(result.parameters)
+    simulation = project.simulate(result.parameters, result.shifts)
     with _written_beside(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
             write_parameters(result.parameters, scratch / f"parameters{ending}")

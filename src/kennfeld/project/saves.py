@@ -21,7 +21,7 @@ from kennfeld.calfiles import read
 from kennfeld.calfiles.json_values import write_json
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Saved, StartResult
-from kennfeld.optimize.sequence import holding
+from kennfeld.optimize.search.sequence import holding
 from kennfeld.parameters import ParameterSet, Text
 
 __all__ = ["Found", "Saves"]

@@ -17,6 +17,7 @@ __all__ = [
     "CriterionEntry",
     "DatasetEntry",
     "EqualityEntry",
+    "Factor",
     "Freedom",
     "LimitEntry",
     "Lock",
@@ -26,12 +27,14 @@ __all__ = [
     "PinEntry",
     "ProjectFile",
     "Range",
+    "RegionEntry",
     "StepEntry",
     "TargetEntry",
     "TermEntry",
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
+Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
@@ -58,6 +61,11 @@ class DatasetEntry:
     warmup: float = 0.0
     max_gap: float = 0.0
     shift: Mapping[str, float] | None = None
+    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be found
+    weight_channel: str = ""
+    settle: float | None = None
+    average: float = 0.0
+    step: float | None = None
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,7 @@ class ParameterEntry:
     initial: Float | None = None
     free: bool | None = None
     bounds: tuple[Float, Float] | None = None
-    smoothness: float | Mapping[str, float] | None = None
+    smoothness: Factor | Mapping[str, Factor] | None = None
     lock: Lock = False
     pins: tuple[PinEntry, ...] = ()
     gradient: Range = field(default_factory=dict)
@@ -127,6 +135,14 @@ class TargetEntry:
 
 
 @dataclass(frozen=True)
+class RegionEntry:
+    """One entry of `regions`."""
+
+    where: str
+    weight: float
+
+
+@dataclass(frozen=True)
 class CriterionEntry:
     """One `[[criterion]]`."""
 
@@ -137,6 +153,8 @@ class CriterionEntry:
     loss: Literal["square", "huber", "soft_l1"] = "square"
     delta: float = 1.0
     scale: float = 1.0
+    weight_channel: str = ""
+    regions: tuple[RegionEntry, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -184,6 +202,8 @@ class OptimizerEntry:
     max_iterations: int = 200
     tolerance: float = 1e-8
     continuation: Literal["auto", "off"] = "auto"
+    method: Literal["gauss-newton", "global"] = "gauss-newton"
+    max_evaluations: int = 0
     starts: int = 1
     seed: int = 0
     spread: float = 0.5

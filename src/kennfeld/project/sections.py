@@ -14,6 +14,7 @@ from kennfeld.project.schema import (
     ModelEntry,
     OptimizerEntry,
     ProjectFile,
+    RegionEntry,
     TargetEntry,
 )
 from kennfeld.project.section import NEXT, Section, finite
@@ -86,6 +87,7 @@ def _datasets(root: Section) -> tuple[DatasetEntry, ...]:
 def _dataset(section: Section) -> DatasetEntry:
     if not section.has("files"):
         section.report("files", "the key is missing", 'Write files = ["..."].')
+    shift, unknown = _shift(section)
     entry = DatasetEntry(
         place=section.place,
         files=section.texts("files"),
@@ -96,27 +98,45 @@ def _dataset(section: Section) -> DatasetEntry:
         where=section.text("where"),
         warmup=section.number("warmup", 0.0, 0.0),
         max_gap=section.number("max_gap", 0.0, 0.0),
-        shift=_shift(section),
+        shift=shift,
+        unknown_shifts=unknown,
+        weight_channel=section.text("weight_channel"),
+        settle=section.number("settle", 0.0, 0.0, above=True) or None,
+        average=section.number("average", 0.0, 0.0),
+        step=section.number("step", 0.0, 0.0, above=True) or None,
     )
+    _check_settling(section, entry)
     section.end()
     return entry
 
 
-def _shift(section: Section) -> dict[str, float]:
+def _check_settling(section: Section, entry: DatasetEntry) -> None:
+    """Keys that need `settle`, and those that it excludes."""
+    if not section.has("settle"):
+        for key in ("average", "step"):
+            if section.has(key):
+                section.report(key, f"{key} has no meaning without settle", "Write settle = ... in s, or remove it.")
+        return
+    for key in ("raster", "warmup", "max_gap"):
+        if section.has(key):
+            section.report(key, f"{key} is for recordings in time, settle for steady-state points", "Remove one.")
+    for key, value in (("average", entry.average), ("step", entry.step)):
+        if entry.settle is not None and value is not None and value > entry.settle:
+            section.report(key, f"{value:g} s are longer than settle = {entry.settle:g} s", "Shorten it.")
+
+
+def _shift(section: Section) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The shifts that are given, and the channels whose shift is to be found."""
     if not section.has("shift"):
-        return {}
+        return {}, ()
     if section.values["shift"] == "auto":
-        section.report("shift", f'shift = "auto" {NEXT}', "Give the shift of each channel.")
-        return {}
+        section.report("shift", '"auto" stands for one channel', 'Write shift = { Channel = "auto" }.')
+        return {}, ()
     inner = section.inner("shift")
-    found = {}
-    for name, value in inner.values.items() if inner else ():
-        assert inner is not None
-        if value == "auto":
-            inner.report(name, f'shift = "auto" {NEXT}', "Give a number.")
-        else:
-            found[name] = inner.number(name, 0.0)
-    return found
+    if inner is None:
+        return {}, ()
+    unknown = tuple(name for name, value in inner.values.items() if value == "auto")
+    return {name: inner.number(name, 0.0) for name in inner.values if name not in unknown}, unknown
 
 
 def _calibration(root: Section) -> CalibrationEntry:
@@ -168,9 +188,32 @@ def _criterion(section: Section) -> CriterionEntry:
         loss="huber" if loss == "huber" else "soft_l1" if loss == "soft_l1" else "square",
         delta=section.number("delta", 1.0, 0.0, above=True),
         scale=section.number("scale", 1.0, 0.0, above=True),
+        weight_channel=section.text("weight_channel"),
+        regions=_regions(section),
     )
     section.end()
     return entry
+
+
+def _regions(section: Section) -> tuple[RegionEntry, ...]:
+    given = section.get("regions")
+    example = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
+    if given is None:
+        return ()
+    if not isinstance(given, list) or not all(isinstance(item, dict) for item in given):
+        section.report("regions", "it must be a list of tables", example)
+        return ()
+    made = []
+    for number, item in enumerate(given, 1):
+        inner = Section(item, f"{section.place} region {number}", section.findings)
+        where, weight = inner.text("where"), inner.number("weight", 1.0, 0.0)
+        for key in ("where", "weight"):
+            if key not in item:
+                inner.report(key, "the key is missing", example)
+        inner.end()
+        if where:
+            made.append(RegionEntry(where, weight))
+    return tuple(made)
 
 
 def _target(section: Section) -> TargetEntry:
@@ -197,12 +240,17 @@ def _optimizer(root: Section) -> OptimizerEntry:
     section = root.section("optimizer")
     if section is None:
         return OptimizerEntry()
-    section.choice("method", "gauss-newton", ("gauss-newton",), later=("global",))
+    method = section.choice("method", "gauss-newton", ("gauss-newton", "global"))
+    if method != "global" and section.has("max_evaluations"):
+        mend = 'Write method = "global", or max_iterations.'
+        section.report("max_evaluations", f"max_evaluations has no meaning for the method {method}", mend)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),
         tolerance=section.number("tolerance", 1e-8, 0.0, above=True),
         continuation="off" if continuation == "off" else "auto",
+        method="global" if method == "global" else "gauss-newton",
+        max_evaluations=section.whole("max_evaluations", 0, 1),
         starts=section.whole("starts", 1, 1),
         seed=section.whole("seed", 0, 0),
         spread=section.number("spread", 0.5, 0.0, above=True),

@@ -22,6 +22,7 @@ def simulations(problem: Problem, parameters: ParameterSet | None) -> list[Datas
 def _one(problem: Problem, data: Dataset, values: ParameterSet, compiled: Nodes) -> Dataset:
     bound = problem.bind(data)
     nodes = compiled.dataset(bound, values)
+    bound = bound.shown
     names = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
     targets = [
         Channel(f"{name} (target)" if name in nodes else name, bound.channel(name), data[name].unit)

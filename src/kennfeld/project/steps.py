@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.arrays import Bool
 from kennfeld.errors import Finding
 from kennfeld.optimize import Problem, Step
-from kennfeld.optimize.step import unusable
+from kennfeld.optimize.search.step import unusable
 from kennfeld.parameters import Parameter
 from kennfeld.project.locking import lacking_axes, untouched, within
 from kennfeld.project.schema import DIRECTIONS, Lock, ProjectFile, StepEntry

@@ -6,8 +6,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.project.limit_sections import shape_ranges
-from kennfeld.project.schema import DIRECTIONS, AxisEntry, Freedom, Lock, ParameterEntry, PinEntry, Range
-from kennfeld.project.section import NEXT, Section, array
+from kennfeld.project.schema import DIRECTIONS, AxisEntry, Factor, Freedom, Lock, ParameterEntry, PinEntry, Range
+from kennfeld.project.section import Section, array
 
 __all__ = ["group_axis", "parameter_entry", "read_lock"]
 
@@ -196,22 +196,25 @@ def _crossed(section: Section, lower: Float, upper: Float) -> bool:
     return True
 
 
-def _smoothness(section: Section) -> float | dict[str, float] | None:
+def _smoothness(section: Section) -> Factor | dict[str, Factor] | None:
     given = section.get("smoothness")
     if given is None:
         return None
     if isinstance(given, dict):
         inner = Section(given, f"{section.place} smoothness", section.findings)
-        if "auto" in given.values():
-            inner.report("", f'"auto" {NEXT}', "Give numbers.")
-            return None
-        factors = {key: inner.number(key, 0.0, 0.0) for key in DIRECTIONS if inner.has(key)}
+        factors = {key: _factor(inner, key) for key in DIRECTIONS if inner.has(key)}
         inner.end()
         return factors
-    if given == "auto":
-        section.report("smoothness", f'"auto" {NEXT}', "Give a number.")
-        return None
-    return section.number("smoothness", 0.0, 0.0)
+    return _factor(section, "smoothness")
+
+
+def _factor(section: Section, key: str) -> Factor:
+    given = section.get(key)
+    if isinstance(given, str):
+        if given != "auto":
+            section.report(key, f"{given!r} is no factor", 'Write a number from 0 on, or "auto".')
+        return "auto"
+    return section.number(key, 0.0, 0.0)
 
 
 def read_lock(section: Section, key: str) -> Lock:

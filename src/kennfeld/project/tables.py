@@ -18,7 +18,7 @@ from kennfeld.project.free_breakpoints import made_free
 from kennfeld.project.function import Function, coordinates_of
 from kennfeld.project.initial import described, sized
 from kennfeld.project.locking import lacking_axes, within
-from kennfeld.project.schema import DIRECTIONS, ParameterEntry, ProjectFile, Range
+from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
 
 __all__ = ["Tables", "build_tables"]
 
@@ -29,7 +29,7 @@ class Tables:
 
     parameters: ParameterSet
     free: tuple[str, ...] = ()
-    smoothness: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    smoothness: Mapping[str, tuple[Factor, ...]] = field(default_factory=lambda: MappingProxyType({}))
     locked_without_data: tuple[str, ...] = ()
 
     @property
@@ -217,7 +217,7 @@ def _regridded(old: Parameter, axes: Sequence[Axis]) -> Float:
     return values
 
 
-def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -> tuple[float, ...]:
+def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -> tuple[Factor, ...]:
     """Smoothness along each axis."""
     given = entry.smoothness
     if given is None:

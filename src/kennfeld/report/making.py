@@ -39,9 +39,11 @@ def from_folder(project: Project, folder: str | Path) -> str:
     Raises `InputError` where a file of the result is missing or damaged, and where the project has errors.
     """
     findings = project.check()
-    result = stored(Path(folder), project.problem())
-    trust = None if result is None else stored_trust(Path(folder), result.parameters)
-    return page(subject(project, result, findings, trust))
+    found = stored(Path(folder), project.problem())
+    if found is None:
+        return document(project, None, findings)
+    result, written = found
+    return page(subject(project, result, findings, stored_trust(Path(folder), result.parameters), written))
 
 
 def safely(project: Project, result: Result, findings: Sequence[Finding] = ()) -> str:

@@ -28,7 +28,7 @@ def page(subject: Subject, made: datetime | None = None) -> str:
     data = {
         "version": __version__,
         "made": time,
-        "result": None if subject.result is None else subject.result.as_json(),
+        "result": subject.written,
         "figures": pictures.data,
     }
     return "<!doctype html>\n" + element(

@@ -509,17 +509,19 @@ def _search(subject: Subject, pictures: Pictures) -> Html:
 
 def _starts(subject: Subject) -> Html | None:
     """A row for each of several starts."""
-    trace = subject.result.trace if subject.result else ()
-    ends = {line.start: line for line in trace}
-    if len(ends) < 2:
+    starts = subject.result.starts if subject.result else ()
+    if len(starts) < 2:
         return None
-    lowest = {n: min(line.cost for line in trace if line.start == n) for n in ends}
-    rows = [[str(n), ends[n].stage, shown(lowest[n], 6), shown(ends[n].rmse), str(_steps(trace, n))] for n in ends]
-    return table(["start", "last stage", "lowest cost", "last RMSE", "steps"], rows, words=2)
-
-
-def _steps(trace: Sequence[Any], start: int) -> int:
-    return sum(line.start == start for line in trace)
+    head = ["start", "status", "how it ended", "cost before", "cost after", "distance", "iterations"]
+    rows = [
+        [
+            *(str(row.start), row.status, row.message),
+            *(shown(row.cost_before, 6), shown(row.cost_after, 6), shown(row.distance, 3), str(row.iterations)),
+        ]
+        for row in starts
+    ]
+    note = "The distance is from the values of the best start, each parameter relative to its size there."
+    return element("div", table(head, rows, words=3, class_="where"), _note(note))
 
 
 def _messages(subject: Subject) -> Html:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Problem, Quality, Result, Seconds, TraceLine
+from kennfeld.optimize.result import StartResult
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["stored"]
@@ -17,8 +19,8 @@ AGAIN = "Run kennfeld calibrate again."
 _NUMBER = float("nan")
 
 
-def stored(folder: Path, problem: Problem) -> Result | None:
-    """The result in a folder; None where no run has left one.
+def stored(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, Any]] | None:
+    """The result in a folder, and the contents of its `result.json`; None where no run has left one.
 
     Raises `InputError` where a file is missing, damaged or about another function, every such file at once.
     """
@@ -36,7 +38,7 @@ def stored(folder: Path, problem: Problem) -> Result | None:
     trace = _trace(paths["trace.csv"])
     try:
         found = json.loads(paths["result.json"].read_text(encoding="utf-8"))
-        return _result(found, problem.parameters, parameters, trace)
+        return _result(found, problem.parameters, parameters, trace), found
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"is no result of a run ({type(error).__name__}: {error})"
         raise InputError.of(str(paths["result.json"]), what, AGAIN) from None
@@ -79,7 +81,15 @@ def _result(found: Any, start: ParameterSet, parameters: ParameterSet, trace: tu
         free_values=found["values"]["free"],
         fixed_values=found["values"]["fixed"],
         seconds=Seconds(**{field.name: found["seconds"].get(field.name, 0.0) for field in fields(Seconds)}),
+        starts=tuple(_start(row) for row in found.get("starts", ())),
     )
+
+
+def _start(row: Any) -> StartResult:
+    plain = {
+        name: _known(row[name]) for name in ("start", "status", "message", "iterations", "evaluations", "distance")
+    }
+    return StartResult(**plain, cost_before=_known(row["cost"]["before"]), cost_after=_known(row["cost"]["after"]))
 
 
 def _known(value: Any) -> Any:

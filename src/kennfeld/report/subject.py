@@ -15,6 +15,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.optimize import Problem, Quality, Result
+from kennfeld.optimize.choice.lag import moved
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.function import coordinates_of
@@ -99,6 +100,7 @@ class Subject:
     residuals: tuple[Residuals, ...]
     changes: tuple[Change, ...]
     trust: TrustView = field(default_factory=TrustView)
+    written: Mapping[str, Any] | None = None  # the contents of `result.json`
 
     @property
     def parameters(self) -> ParameterSet:
@@ -166,13 +168,17 @@ class Subject:
 
 
 def subject(
-    project: Project, result: Result | None, findings: Sequence[Finding] = (), trust: TrustView | None = None
+    project: Project,
+    result: Result | None,
+    findings: Sequence[Finding] = (),
+    trust: TrustView | None = None,
+    written: Mapping[str, Any] | None = None,
 ) -> Subject:
-    """Compute what a report tells; the trust is that of the result unless another is given.
+    """Compute what a report tells; trust and `result.json` are those of the result unless others are given.
 
     Raises `InputError` where the project has no problem to compute.
     """
-    problem = project.problem()
+    problem = project.problem() if result is None else moved(project.problem(), result.shifts)
     start = problem.parameters if result is None else result.start
     parameters = start if result is None else result.parameters
     small = max((data.samples for data in problem.datasets), default=0) <= BLOCK
@@ -193,6 +199,7 @@ def subject(
         residuals=residuals(problem, parameters, trust=trust, series=after, lookups=lookups, cells=tallied.cells),
         changes=_changes(problem, start, parameters, trust, tallied.touching),
         trust=trust,
+        written=result.as_json() if result is not None and written is None else written,
     )
 
 

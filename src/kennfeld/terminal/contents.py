@@ -10,10 +10,12 @@ from typing import Any
 from kennfeld import calfiles, measurement
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.errors import InputError
+from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
 from kennfeld.models import Model
 from kennfeld.models import formula as formulas
 from kennfeld.project import Project
+from kennfeld.project.method import listed
 from kennfeld.terminal.table import aligned
 
 __all__ = ["Contents", "contents"]
@@ -135,16 +137,24 @@ def _formula(file: Path, model: Model) -> Contents:
     words = ("scalar", "curve", "map", "cube", "cube")
     parameters = [("parameter", "kind"), *((name, words[axes]) for name, axes in graph.parameters.items())]
     memory = f", {len(graph.states)} states" if graph.states else ""
+    found = events(graph, tuple(graph.parameters))
+    notes = (
+        [f'{listed(found)} when parameters decide: derivatives do not see that, method = "global" does.']
+        if found
+        else []
+    )
     as_json = {
         "content": "formula",
         "file": file.name,
         "step": model.step,
         "states": len(graph.states),
+        "events": [{"node": event.name, "kind": event.word, "parameters": list(event.parameters)} for event in found],
         "inputs": [{"name": name, "unit": graph.units.get(name, "")} for name in graph.inputs],
         "parameters": [{"name": name, "kind": words[axes]} for name, axes in graph.parameters.items()],
         "nodes": [{"name": name, "unit": graph.units.get(name, ""), "output": name in outputs} for name in graph.names],
     }
-    return Contents(f"{file.name}: formula, {len(graph.names)} nodes{memory}", [inputs, parameters, nodes], [], as_json)
+    summary = f"{file.name}: formula, {len(graph.names)} nodes{memory}"
+    return Contents(summary, [inputs, parameters, nodes], notes, as_json)
 
 
 def _project(file: Path) -> Contents:

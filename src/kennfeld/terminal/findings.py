@@ -4,7 +4,7 @@ from kennfeld.optimize.trust import Trust
 
 __all__ = ["left_open"]
 
-MOST = 5  # lines
+MOST = 3  # lines
 
 
 def left_open(trust: Trust) -> list[str]:

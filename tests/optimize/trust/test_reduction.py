@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.limits import Limits, Rows
+from kennfeld.optimize.limits.limits import Limits, Rows
 from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
 
 

@@ -127,12 +127,26 @@ def test_what_is_locked_or_pinned_does_not_deviate():
     assert np.argwhere(trust.deviation["M"] == 0).tolist() == [[0, 0], [0, 1], [0, 2], [3, 1]]
 
 
-def test_all_locked_leaves_nothing_to_tell():
-    trust = fit(locked=True).trust
-    assert not trust.deviation["M"].any()
+@pytest.mark.parametrize("count", [4, 90], ids=["rows", "normal equations"])
+def test_all_locked_leaves_nothing_to_tell(count):
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 3, count), np.ones(count), locked=True)])
+    trust = kf.calibrate("m = C(x)", DATA, start, target="y").trust
+    assert trust.samples["C"].sum() > 0
+    assert not trust.deviation["C"].any()
+    assert not trust.leverage["C"].any()
     assert trust.freedom == 0
     assert trust.directions == ()
     assert not trust.covariance().any()
+
+
+def test_what_cannot_be_computed_leaves_the_rest_of_the_result(monkeypatch):
+    def fails(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("kennfeld.optimize.trust.inspection.estimate", fails)
+    trust = fit().trust
+    assert list(trust.informed) == ["M"]
+    assert trust.deviation == {}
 
 
 def test_a_fit_that_failed_has_no_trust():
@@ -149,6 +163,14 @@ def test_a_derivative_that_is_not_finite_is_no_crash():
     trust = result.trust
     assert set(trust.informed) == {"a"}
     assert not trust.deviation or np.isfinite(trust.deviation["a"])
+
+
+def test_its_text_has_the_noise_and_a_line_a_direction():
+    trust = kf.calibrate("m = a * b * x", {"x": X, "y": X + Z}, {"a": 1.0, "b": 1.0}, target="y").trust
+    noise, decided, direction = str(trust).splitlines()
+    assert noise.startswith("The noise of m is ")
+    assert decided == "The data decide 1.0 of 2 values."
+    assert direction == str(trust.directions[0])
 
 
 def test_a_fit_that_was_stopped_has_its_trust():

@@ -24,7 +24,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Accumulator
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
 from kennfeld.optimize.trust.noise import LEAST, Group, rescored

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.limiting import limits_of
+from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Scorer
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.estimate import Estimate, estimate
 from kennfeld.optimize.trust.noise import Group, groups
 from kennfeld.optimize.trust.search import weak_directions
@@ -46,7 +46,10 @@ class Inspection:
     def trust(self) -> Trust:
         """The trust."""
         with blas_threads(self.values.size):
-            found = self._trust()
+            try:
+                found = self._trust()
+            except np.linalg.LinAlgError:  # a result is never lost over what is said about it
+                found = Trust(informed=self.informed)
         del self.compiled, self.scorer
         return found
 
@@ -85,8 +88,10 @@ class Inspection:
     ) -> tuple[Direction, ...]:
         """Values that nothing informs, table by table; then the weak directions of the others."""
         words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(touched))
-        idle = [words.uninformed(name, ~seen) for name, seen in self.informed.items() if not seen.all()]
-        candidates = shapes(self.problem.model.graph, parameters, split(found.reduction.held))
+        held = split(found.reduction.held)
+        open_values = {name: ~seen & ~held[name] for name, seen in self.informed.items()}
+        idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
+        candidates = shapes(self.problem.model.graph, parameters, held)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
@@ -94,6 +99,7 @@ class Inspection:
         told = [
             words.named(w, split(w.change)) if w.amounts else words.nameless(w, split(w.change), split(w.weight))
             for w in weak
+            if any(np.any(part) for part in split(w.weight).values())  # else it moves breakpoints alone
         ]
         return (*idle, *told)
 

@@ -7,6 +7,7 @@ variance is E[psi^2] / E[psi']^2 times that of a unit noise.
 """
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,8 +15,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.native import Samples
-from kennfeld.optimize.binding import Bound
 from kennfeld.optimize.criterion import Criterion
+from kennfeld.optimize.data.binding import Bound
 
 __all__ = ["LEAST", "Group", "groups", "persistence", "rescored"]
 
@@ -119,4 +120,6 @@ def rescored(samples: Samples, scores: dict[tuple[int, float], float]) -> Sample
         replace(piece, scores=np.array([scores.get((c, float(s)), 0.0) for c, s in enumerate(piece.scores)]))
         for piece in samples.pieces
     ]
-    return Samples(samples.data, samples.targets, tuple(pieces))
+    made = copy(samples)
+    made.pieces = tuple(pieces)
+    return made

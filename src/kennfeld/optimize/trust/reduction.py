@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.optimize.limits import Limits
+from kennfeld.optimize.limits.limits import Limits
 
 __all__ = ["Reduction", "active_rows", "held"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError, nearest
-from kennfeld.optimize.threads import blas_threads
+from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.estimate import Estimate
 from kennfeld.optimize.trust.words import Direction
 
@@ -88,6 +88,12 @@ class Trust:
         found: Float = np.clip(covariance / np.outer(units, units), -1.0, 1.0)
         np.fill_diagonal(found, 1.0)
         return found
+
+    def __str__(self) -> str:
+        values = 0 if self.estimate is None else self.estimate.reduction.size  # free breakpoints among them
+        noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
+        decided = [f"The data decide {self.freedom:.1f} of {values} values."] if values else []
+        return "\n".join([*noise, *decided, *map(str, self.directions)])
 
     def as_json(self) -> dict[str, Any]:
         """What `result.json` tells of it; numbers that are not finite are None."""

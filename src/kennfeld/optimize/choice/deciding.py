@@ -1,0 +1,142 @@
+"""What a calibration decides from the data before it begins: shifts of channels, and smoothness.
+
+The search itself then has numbers only. Where it smooths lookups, its end is often a better one than the plain fit had
+on which the smoothness was chosen; so that is chosen once more there, and a plain descent follows.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+from kennfeld.arrays import Float
+from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.choice.automatic import Choice, chosen
+from kennfeld.optimize.choice.correlation import independent_samples
+from kennfeld.optimize.choice.lag import at_the_end, with_shifts_found
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.result import Result, Seconds, StartResult
+from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton
+from kennfeld.optimize.solver.threads import blas_threads
+
+__all__ = ["decided"]
+
+Search = Callable[[Problem], Result]
+
+
+def decided(problem: Problem, options: Options, progress: Progress | None, read: float, search: Search) -> Result:
+    """Decide what the problem leaves open, and search with that; `search` calibrates a problem of numbers.
+
+    `read` is how long reading took, in s, for the account of the time.
+    """
+    began = time.perf_counter()
+    shifts: dict[str, dict[str, float]] = {}
+    said = ""
+    ready = problem
+    if problem.unknown_shifts:
+        with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
+            ready, shifts = with_shifts_found(problem)
+        said = at_the_end(problem, shifts)
+    result = _smoothed(ready, options, progress, search) if ready.automatic_names else search(ready)
+    total = time.perf_counter() - began + read
+    compiling = result.seconds.compile
+    spent = Seconds(total, read, compiling, total - read - compiling)
+    message = " ".join(part for part in (result.message, said) if part)
+    return replace(result, shifts=shifts, message=message, seconds=spent)
+
+
+def _smoothed(problem: Problem, options: Options, progress: Progress | None, search: Search) -> Result:
+    plain = Run(problem, replace(options, continuation="off"), progress, Seconds())
+    with blas_threads(plain.exact.values.free):
+        return _Smoothing(plain, options, search).result()
+
+
+@dataclass(frozen=True)
+class _Smoothing:
+    """A calibration with automatic smoothness; `plain` is the run on whose fits it is chosen."""
+
+    plain: Run
+    options: Options
+    search: Search
+
+    def result(self) -> Result:
+        """The end of the search, of a search from there, or of the fit on which smoothness was chosen."""
+        plain, options = self.plain, self.options
+        limits = limits_of(plain.problem, plain.exact.values)
+        start, _ = project(plain.objective.start, limits)
+        if start is None:
+            return self.search(_with_none(plain.problem))
+        choice = self._chosen(start, limits)
+        if choice.fit.status == "stopped":
+            stopped = replace(choice.fit, iterations=0, evaluations=0)
+            return self._together(self._ended(choice, lambda start, limits: stopped), choice)
+        found = self.search(_with(plain.problem, choice))
+        if options.method == "global" or options.steps or plain.problem.limits or found.status == "stopped":
+            return self._together(found, choice)
+        end = plain.exact.values.pack(found.parameters)[: start.size]
+        if choice.fit.cost < found.cost_after:
+            end = choice.fit.values
+        elif options.continuation == "off":
+            return self._together(found, choice)
+        last = self._chosen(end, limits, choice)
+        return self._together(self._polished(last), last, found)
+
+    def _chosen(self, start: Float, limits: Limits, known: Choice | None = None) -> Choice:
+        plain = self.plain
+        count = None if all(bound.dataset.time is None for bound in plain.problem.training) else self._independent
+        return chosen(plain.exact, start, limits, self.options.settings, plain._report, known, count)
+
+    def _independent(self, values: Float) -> float:
+        """How many training samples are independent, by the errors with these free values."""
+        plain = self.plain
+        return independent_samples(plain.problem, plain.scorer.errors, plain.parameters(values))
+
+    def _polished(self, choice: Choice) -> Result:
+        """The descent with the factors chosen last, from the fit on which they were chosen."""
+        settings = self.options.settings
+
+        def descend(start: Float, limits: Limits) -> Descent:
+            report = partial(self.plain._report, "plain")
+            return gauss_newton(self.plain.objective, choice.fit.values, limits, settings, report)
+
+        return self._ended(choice, descend)
+
+    def _ended(self, choice: Choice, search: Callable[[Float, Limits], Descent]) -> Result:
+        """The result of a last search with the factors of a choice, which the compiled problem has."""
+        return self.plain.moved(_with(self.plain.problem, choice)).result(search)
+
+    def _together(self, result: Result, choice: Choice, before: Result | None = None) -> Result:
+        """A result with what was chosen, and with trace and effort of all searches."""
+        own = [line for line in result.trace if line not in self.plain.trace]
+        trace = (*self.plain.trace, *(() if before is None else before.trace), *own)
+        iterations = choice.fit.iterations + result.iterations + (0 if before is None else before.iterations)
+        evaluations = choice.fit.evaluations + result.evaluations + (0 if before is None else before.evaluations)
+        made = replace(
+            result,
+            trace=trace,
+            iterations=iterations,
+            evaluations=evaluations,
+            smoothness=choice.by_direction,
+            seconds=result.seconds if before is None else before.seconds,
+            starts=result.starts if before is None else before.starts,
+            resumed=result.resumed if before is None else before.resumed,
+        )
+        return made if len(made.starts) > 1 else replace(made, starts=(_row(made),))
+
+
+def _row(result: Result) -> StartResult:
+    """The only start."""
+    costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
+    return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)
+
+
+def _with(problem: Problem, choice: Choice) -> Problem:
+    return replace(problem, smoothness={**problem.smoothness, **choice.factors})
+
+
+def _with_none(problem: Problem) -> Problem:
+    """The problem without automatic smoothness, for a start that cannot be fitted."""
+    return replace(problem, smoothness={name: problem.factors(name) for name in problem.smoothness})

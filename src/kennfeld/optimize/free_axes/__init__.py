@@ -1,0 +1,1 @@
+"""Breakpoints that are fitted."""

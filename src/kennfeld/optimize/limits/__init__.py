@@ -1,0 +1,1 @@
+"""What values and outputs must keep."""

@@ -1,0 +1,1 @@
+"""Ways to the lowest minimum: several starts, sequences of steps, a search without gradients."""

@@ -1,0 +1,216 @@
+"""A calibration from several starts, through the steps of a sequence, and on from where it was saved."""
+
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Finding, InputError
+from kennfeld.graph.free_axes import labelled
+from kennfeld.optimize import calibration
+from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.search.saved import Keep, Saved
+from kennfeld.optimize.search.sequence import STOPPED, Begin, Climb, Climber, holding, not_begun
+from kennfeld.optimize.search.starts import distance, drawn_start
+from kennfeld.optimize.search.step import unusable, whole
+from kennfeld.optimize.solver.gauss_newton import Descent, Status
+from kennfeld.optimize.solver.threads import blas_threads
+
+__all__ = ["run"]
+
+SAME = 1e-9  # relative difference of two costs that is rounding
+
+
+def run(
+    problem: Problem,
+    options: Options,
+    progress: Progress | None = None,
+    seconds: Seconds | None = None,
+    *,
+    keep: Keep | None = None,
+    resumed: Mapping[int, Saved] | None = None,
+) -> Result:
+    """Calibrate. `progress` hears of every accepted step and may raise `Stop`.
+
+    `keep` gets every nth accepted parameter set, as `options.save_every` says, and where each start ended. `resumed`
+    are saved states by the number of their start; those starts go on from there. Raises `InputError` where there is
+    nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
+    """
+    if problem.unknown_shifts or problem.automatic_names:
+        from kennfeld.optimize.choice.deciding import decided  # only here: many runs have nothing to decide
+
+        return decided(
+            problem,
+            options,
+            progress,
+            (seconds or Seconds()).read,
+            lambda ready: run(ready, options, progress, seconds, keep=keep, resumed=resumed),
+        )
+    if options.starts == 1 and not (options.steps or options.save_every or resumed):
+        result = calibration.run(problem, options, progress, seconds)
+        return replace(result, starts=(_row(result),))
+    findings = unusable(problem, options.steps)
+    if findings:
+        raise InputError(findings)
+    return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds or Seconds())
+
+
+def _row(result: Result) -> StartResult:
+    """The only start."""
+    costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
+    return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)
+
+
+class _Multistart:
+    """The running state of a calibration from several starts."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: Options,
+        progress: Progress | None,
+        keep: Keep | None,
+        resumed: Mapping[int, Saved],
+    ) -> None:
+        self.problem, self.options, self.progress, self.keep = problem, options, progress, keep
+        self.resumed = resumed
+        self.whole = whole(problem, options.steps)
+        self.workers = min(options.workers or _cores(), options.starts)
+        self.trace: list[TraceLine] = []
+        self.climbs: dict[int, Climb] = {}
+        self.went_on: list[str] = []
+        self.alone = False  # although several processes were wanted
+        self.began = time.perf_counter()
+
+    def result(self, seconds: Seconds) -> Result:
+        elsewhere = self.workers > 1 or bool(self.options.steps)
+        options = replace(self.options, continuation="off") if elsewhere else self.options
+        ready = Run(self.whole, options, None, seconds)
+        with blas_threads(ready.exact.values.free):
+            result = ready.result(lambda start, limits: self._search(ready, start, limits))
+        if not self.climbs:  # the limits contradict each other
+            return replace(result, starts=(_row(result),))
+        best = self._best()
+        rows = [replace(c.row, distance=distance(c.values, best.values)) for _, c in sorted(self.climbs.items())]
+        trace = sorted(self.trace, key=lambda line: line.start)
+        return replace(result, trace=tuple(trace), starts=tuple(rows), resumed=tuple(self.went_on))
+
+    def _search(self, ready: Run, start: Float, limits: Limits) -> Descent:
+        """The best end of all starts, as values of the whole problem."""
+        climber = Climber(self.problem, self.options, ready)
+        begins = list(self._begins(climber))
+        if self.workers > 1 and len(begins) > 1:
+            from kennfeld.optimize.search.workers import climb_in_parallel
+
+            work = (self.problem, self.options, begins, self.workers)
+            self.climbs |= {c.row.start: c for c in climb_in_parallel(*work, self._report, self._save)}
+        left = [begin for begin in begins if begin.start not in self.climbs]
+        self.alone = self.workers > 1 and len(left) > 1
+        self.climbs |= {c.row.start: c for c in _climb_in_turn(climber, left, self._report, self._save)}
+        if not self.trace and all(climb.row.status == "stopped" for climb in self.climbs.values()):
+            raise KeyboardInterrupt  # there is nothing to keep yet
+        best = self._best()
+        packed = ready.exact.values.pack(holding(self.whole.parameters, best.values))[: start.size]
+        held, _ = project(packed, limits)
+        values = packed if held is None else held
+        return Descent(values, ready.objective.cost(values), *self._words(best), *self._effort())
+
+    def _begins(self, climber: Climber) -> Iterator[Begin]:
+        """Where the starts begin that have not come to their end yet."""
+        for number in range(1, self.options.starts + 1):
+            drawn = drawn_start(self.whole, number, self.options.seed, self.options.spread)
+            saved = self.resumed.get(number)
+            if saved is None:
+                yield Begin(number, drawn, drawn)
+                continue
+            values = self._saved_values(saved, drawn)
+            self.went_on.append(saved.name or f"start {number}, iteration {saved.iteration}")
+            row, last = saved.ended, len(climber.steps)
+            done = row is not None and row.status == "converged" and _same(climber.cost(values), row.cost_after)
+            if row is not None and done and saved.step >= last:
+                self.climbs[number] = Climb(row, values)
+            else:
+                yield Begin(number, values, drawn, min(saved.step + done, last), saved.iteration)
+
+    def _saved_values(self, saved: Saved, drawn: Mapping[str, Float]) -> dict[str, Float]:
+        """The values to go on from; locked ones are those of the problem."""
+        found, findings = {}, []
+        for name, own in drawn.items():
+            values = saved.values.get(name, own)
+            if values.shape != own.shape:
+                what = f"{name} has values of shape {list(values.shape)}; the problem asks for {list(own.shape)}"
+                findings.append(
+                    Finding(saved.name or f"saved start {saved.start}", what, "Start anew, without resuming.")
+                )
+                continue
+            found[name] = np.where(self.whole.parameters[name].locked, own, values)
+        if findings:
+            raise InputError(findings)
+        axes = self.whole.free_axes.items()
+        own_points = labelled({key: axis.axis.breakpoints for key, axis in axes})
+        moved = {n: v for n, v in saved.values.items() if n in own_points and v.shape == own_points[n].shape}
+        return found | moved
+
+    def _report(self, line: TraceLine) -> None:
+        line = replace(line, seconds=time.perf_counter() - self.began)
+        self.trace.append(line)
+        if self.progress is not None:
+            self.progress(line)
+
+    def _save(self, saved: Saved) -> None:
+        if self.keep is not None and self.options.save_every:
+            self.keep(saved)
+
+    def _best(self) -> Climb:
+        """The end of the lowest cost; of equal ones the first."""
+        return min((climb for _, climb in sorted(self.climbs.items())), key=_rank)
+
+    def _words(self, best: Climb) -> tuple[Status, str]:
+        """Status and message of all starts together."""
+        rows = [climb.row for climb in self.climbs.values()]
+        stopped = any(row.status == "stopped" for row in rows)
+        said = [STOPPED if stopped else best.row.message]
+        if len(rows) > 1:
+            failed = sum(row.status in ("failed", "infeasible") for row in rows)
+            said.append(f"Best of {len(rows)} starts: number {best.row.start}.")
+            said += [f"{failed} of them failed."] if failed else []
+        said += ["The starts ran one after the other: no other process could take the problem."] if self.alone else []
+        said += [f"Resumed from {', '.join(self.went_on)}."] if self.went_on else []
+        return "stopped" if stopped else best.row.status, " ".join(said)
+
+    def _effort(self) -> tuple[int, int]:
+        """Accepted steps and evaluations of all starts."""
+        rows = [climb.row for climb in self.climbs.values()]
+        return sum(row.iterations for row in rows), sum(row.evaluations for row in rows)
+
+
+def _climb_in_turn(climber: Climber, begins: Sequence[Begin], progress: Progress, keep: Keep) -> list[Climb]:
+    """The ends of all starts, one after the other; none begins after a request to stop."""
+    ends: list[Climb] = []
+    for begin in begins:
+        stopped = bool(ends) and ends[-1].row.status == "stopped"
+        ends.append(not_begun(begin) if stopped else climber.climb(begin, progress, keep))
+    return ends
+
+
+def _rank(climb: Climb) -> float:
+    cost = climb.row.cost_after
+    return cost if np.isfinite(cost) and climb.row.status != "infeasible" else np.inf
+
+
+def _same(one: float, other: float) -> bool:
+    return abs(one - other) <= SAME * abs(other)
+
+
+def _cores() -> int:
+    """Processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

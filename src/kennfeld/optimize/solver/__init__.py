@@ -1,0 +1,1 @@
+"""What minimises a sum of squares within linear limits."""

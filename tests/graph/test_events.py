@@ -1,0 +1,105 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kennfeld.graph.events import events
+from kennfeld.models.formula import formula
+
+
+def found(text, *free):
+    """Named node and word of each event."""
+    graph = formula(text, parameters=[*free, "Gain"]).graph
+    return [(event.name, event.word) for event in events(graph, free)]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "on = hysteresis(K * u, 2, 1)",
+        "on = hysteresis(u, K, 1)",
+        "y = round(K * u / 0.5) * 0.5",
+        "y = ceil(K * u)",
+        "y = K + mod(K * u, 3)",
+        "y = sign(K * u)",
+        "y = if(K * u > 3000, K * u, 0)",
+        "y = if(u > 0 and K * u >= 5, 1, 2)",
+        "count = prev(count, 0) + (K * u > 5)",
+        "angle = integrator(K * u)\nturns = floor(angle / pi)",
+        "y = Gain(if(K > 2, 1, 0))",
+        "y = if(K == 1, 1, 0)",
+    ],
+)
+def test_a_jump_whose_time_depends_on_a_parameter_is_an_event(text):
+    assert found(text, "K")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "y = if(K * u > 0, K * u, 0)",
+        "y = if(K * u > 3000, K * u - 3000, 0)",
+        "y = bswitch(K * u, K * u * 2, K * u * 3)",
+        "y = clip(K * u, 0, 100) + integrator(K * u, 0, 0, 10)",
+        "y = abs(K * u) * sign(K * u)",
+        "y = ratelimit(K * u, K, -K)",
+        "y = PT1(K * u, Time(u))",
+        "y = sin(mod(K * u, 2 * pi))",
+        "suction = if(K * p <= 0.5, 1, 2 * sqrt(max(K * p - (K * p)^2, 0)))",
+    ],
+)
+def test_a_kink_is_none(text):
+    assert found(text, "K", "Time") == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "y = if(u > 3000, K * u, 0)",
+        "y = K * mod(u, 3)",
+        "tick = floor(t / 0.02) > prev(floor(t / 0.02))\nheld = if(tick, K * u, prev(held, 0))",
+        "on = hysteresis(u, 2, 1)\ny = PT1(on, K)",
+    ],
+)
+def test_a_jump_that_the_data_alone_decide_is_none(text):
+    assert found(text, "K") == []
+
+
+def test_only_free_parameters_count():
+    graph = formula("on = hysteresis(A * u, B, 1)", parameters=["A", "B"]).graph
+    assert events(graph, []) == ()
+    assert [event.parameters for event in events(graph, ["A", "B"])] == [("A", "B"), ("A",)]
+    assert [event.parameters for event in events(graph, ["B"])] == [("B",)]
+
+
+def test_only_what_the_outputs_feel_counts():
+    graph = formula("positive = K * u > 0\ny = if(positive, K * u, 0)\nz = if(positive, 1, y)", parameters=["K"]).graph
+    assert events(graph, ["K"], ["y"]) == ()
+    assert [event.name for event in events(graph, ["K"], ["z"])] == ["positive"]
+    assert graph.outputs == ("z",)
+    assert len(events(graph, ["K"])) == 1
+
+
+def test_an_event_is_called_after_the_node_that_holds_it():
+    text = (
+        "angle = integrator(K)\nturns = floor(angle / pi)\nfires = turns > prev(turns, 0)\ny = PT1(if(fires, u, 0), 1)"
+    )
+    assert found(text, "K") == [("turns", "floor"), ("fires", ">")]
+
+
+def test_a_condition_in_memory_is_called_after_the_node_that_reads_it():
+    assert found("y = prev(if(K * u > 1, 5, 0), 0) + 1", "K") == [("y", ">")]
+
+
+def test_asking_twice_gives_the_same():
+    graph = formula("y = round(K * u) + if(K * u > 0, K * u, 0)", parameters=["K"]).graph
+    assert events(graph, ["K"]) == events(graph, ["K"])
+
+
+@given(
+    threshold=st.floats(-100, 100).map(lambda x: round(x, 3)),
+    slope=st.floats(0.01, 10).map(lambda x: round(x, 3)),
+    step=st.sampled_from([0.0, 5.0, -30.0, 200.0]),
+)
+def test_a_ramp_is_an_event_if_and_only_if_it_begins_with_a_step(threshold, slope, step):
+    text = f"x = K * u\ny = if(x > {threshold}, {slope} * (x - {threshold}) + {step}, 0)"
+    assert found(text, "K") == ([("y", ">")] if step else [])

@@ -1,0 +1,159 @@
+"""Automatic smoothness: as good as the best fixed factor, whatever the problem is like."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.errors import ArgumentError
+
+FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 1e4)
+
+
+def noisy(samples, noise, seed=0, function=np.sin, low=0.0):
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(low, 6, samples)
+    return {"x": x, "wanted": function(x) + noise * rng.normal(size=samples)}
+
+
+def curve(count=25, **attributes):
+    return kf.ParameterSet([kf.Curve("C", np.linspace(0, 6, count), np.zeros(count), **attributes)])
+
+
+def fitted(data, smoothness="auto", start=None, **arguments):
+    dense = np.linspace(0.1, 5.9, 400)
+    truth = arguments.pop("function", np.sin)
+    test = {"x": dense, "wanted": truth(dense)}
+    return kf.calibrate(
+        "y = C(x)", data, start or curve(), target="wanted", test=test, smoothness=smoothness, **arguments
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_the_choice_is_nearly_as_good_as_the_best_fixed_factor(noise, seed):
+    data = noisy(150, noise, seed)
+    best = min(fitted(data, factor).quality[1].rmse_after for factor in FACTORS)
+    assert fitted(data).quality[1].rmse_after <= 1.25 * best
+
+
+def test_more_noise_asks_for_more_smoothness():
+    quiet, loud = (fitted(noisy(150, noise)).smoothness["C"]["x"] for noise in (0.02, 0.5))
+    assert loud > 10 * quiet
+
+
+def test_a_straight_line_under_noise_becomes_one():
+    data = noisy(300, 0.3, function=lambda x: 2 * x - 1)
+    values = fitted(data, function=lambda x: 2 * x - 1).parameters["C"].values
+    assert np.abs(np.diff(values, 2)).max() < 0.05
+
+
+def test_data_without_noise_are_met():
+    truth = curve().with_parameters(kf.Curve("C", np.linspace(0, 6, 25), np.cos(np.arange(25.0))))["C"]
+    x = np.random.default_rng(1).uniform(0, 6, 400)
+    data = {"x": x, "wanted": np.interp(x, truth.axes[0].breakpoints, truth.values)}
+    assert fitted(data).parameters["C"].values == pytest.approx(truth.values, abs=1e-3)
+
+
+def test_each_axis_has_its_own_factor_and_given_ones_stay():
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(0, 6, (2, 600))
+    data = {"x": x, "y": y, "wanted": np.sin(2 * x) + 0.5 * y + 0.2 * rng.normal(size=600)}
+    start = kf.ParameterSet([kf.Map("M", np.linspace(0, 6, 10), np.linspace(0, 6, 10), np.zeros((10, 10)))])
+    for given, kept in (("auto", None), (("auto", 7.0), 7.0)):
+        result = kf.calibrate("z = M(x, y)", data, start, target="wanted", smoothness={"M": given})
+        found = result.smoothness["M"]
+        assert found["y"] == kept if kept else found["y"] > 10 * found["x"]
+        assert result.converged
+        assert result.as_json()["smoothness"] == {"M": found}
+
+
+def test_a_table_without_data_keeps_its_start_and_gets_no_factor():
+    data = noisy(100, 0.1) | {"never": np.zeros(100)}
+    start = curve().with_parameters(kf.Curve("Other", [1, 2, 3], [4.0, 7.0, 5.0]))
+    result = kf.calibrate("y = C(x) + if(never > 1, Other(x), 0)", data, start, target="wanted", smoothness="auto")
+    assert result.smoothness["Other"] == {"x": 0.0}
+    assert result.smoothness["C"]["x"] > 0
+    assert result.parameters["Other"].values.tolist() == [4.0, 7.0, 5.0]
+
+
+def test_where_data_end_the_curve_goes_on_smoothly():
+    result = fitted(noisy(200, 0.05, low=2.0))
+    values = result.parameters["C"].values
+    assert np.abs(np.diff(values[:8], 2)).max() < 0.02
+
+
+def test_bounds_locks_and_pins_hold_while_factors_are_chosen():
+    start = curve(lower=-0.5, upper=0.5).with_parameters()
+    locked = np.arange(25) == 12
+    table = start["C"].with_values(np.where(locked, 0.25, 0.0)).changed(locked=locked)
+    pin = kf.Pin("C", (1.1,), 0.3)
+    result = fitted(noisy(200, 0.1), start=kf.ParameterSet([table]), pins=[pin])
+    values = result.parameters["C"].values
+    assert result.converged
+    assert values.min() >= -0.5
+    assert values.max() <= 0.5
+    assert np.any(values == 0.5)
+    assert values[12] == 0.25
+    assert np.interp(1.1, np.linspace(0, 6, 25), values) == pytest.approx(0.3, abs=1e-9)
+
+
+def test_a_model_with_memory_is_smoothed_too():
+    rng = np.random.default_rng(5)
+    time = np.arange(3000) * 0.1
+    x = 3 + 2.8 * np.sin(time / 7) * np.cos(time / 31)
+    truth = {"C": kf.Curve("C", np.linspace(0, 6, 13), np.sin(np.linspace(0, 6, 13))), "T": kf.Scalar("T", 2.0)}
+    text = "y = PT1(C(x), T)"
+    moving = kf.Dataset.of("drive", {"x": x}, time=time)
+    clean = kf.simulate(text, moving, kf.ParameterSet(truth.values()))["y"].values
+    data = moving.with_channels(kf.Channel("wanted", clean + 0.1 * rng.normal(size=time.size)))
+    start = kf.ParameterSet([truth["C"].with_values(np.zeros(13)), kf.Scalar("T", 1.0)])
+    result = kf.calibrate(text, data, start, target="wanted", smoothness={"C": "auto"})
+    assert result.smoothness["C"]["x"] > 0
+    assert result.parameters["T"].value == pytest.approx(2.0, abs=0.2)
+    assert result.parameters["C"].values == pytest.approx(truth["C"].values, abs=0.15)
+
+
+def test_stopping_keeps_the_best_values_so_far():
+    def stop(line):
+        raise kf.Stop
+
+    result = fitted(noisy(100, 0.1), progress=stop)
+    assert result.status == "stopped"
+    assert result.cost_after < result.cost_before
+
+
+def test_several_starts_share_the_factors_and_the_account_is_whole():
+    result = fitted(noisy(100, 0.1), options=kf.Options(starts=3, workers=1))
+    spent = result.seconds
+    assert len(result.starts) == 3
+    assert result.smoothness["C"]["x"] > 0
+    assert spent.total == pytest.approx(spent.read + spent.compile + spent.optimize)
+    assert spent.optimize > 0
+    assert {line.stage for line in result.trace} >= {"smoothness 1", "plain"}
+
+
+def test_a_sequence_uses_the_factors_in_every_step():
+    steps = [kf.Step(name="coarse", grid_reduction=2), kf.Step(name="fine")]
+    result = fitted(noisy(150, 0.1), options=kf.Options(steps=steps))
+    assert result.status == "converged"
+    assert result.quality[1].rmse_after < 0.1
+    assert result.smoothness["C"]["x"] > 0
+
+
+def test_limits_of_outputs_and_of_slopes_hold_with_it():
+    data = noisy(200, 0.1, function=lambda x: np.sqrt(x))
+    rising = kf.calibrate("y = C(x)", data, curve(), target="wanted", smoothness="auto", limits={"y": (-9.0, 2.0)})
+    values = rising.parameters["C"].values
+    assert np.interp(data["x"], np.linspace(0, 6, 25), values).max() <= 2.0 + 1e-6
+    assert rising.smoothness["C"]["x"] > 0
+
+
+def test_the_same_choice_comes_from_the_same_data():
+    data = noisy(100, 0.1)
+    assert fitted(data).smoothness == fitted(data).smoothness
+
+
+@pytest.mark.parametrize("given", ["automatic", {"C": ("auto", 1.0)}, {"C": -1.0}, {"C": "many"}, {"C": None}])
+def test_what_is_no_factor_is_named(given):
+    with pytest.raises(ArgumentError, match=r'must be a number from 0 on, or one for each of its 1 axes, or "auto"'):
+        fitted(noisy(10, 0.1), given)

@@ -1,0 +1,132 @@
+"""Lags of recorded channels: whole samples of a bench log, fractions in time, and what must not be found."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.optimize.choice.shifting import shifted
+from kennfeld.project.demo import torque
+
+TRANSIENT = Path(__file__).resolve().parents[3] / "shared" / "data" / "engine_transient" / "gengine1_m10.csv.gz"
+
+
+def walk(count, low, high, rng, step=0.06):
+    """A random walk between two walls."""
+    x = (low + high) / 2 + np.cumsum(rng.normal(0, step * (high - low), count))
+    folded = np.mod(x - low, 2 * (high - low))
+    return low + np.minimum(folded, 2 * (high - low) - folded)
+
+
+def bench(late, seed=0, use="training", samples=1200):
+    """Operating points in the order of a random walk, the torque recorded some samples late."""
+    rng = np.random.default_rng(seed)
+    speed, air, spark = (walk(samples, *span, rng) for span in (torque.SPEED, torque.AIR, torque.IGNITION))
+    noise = rng.normal(0, torque.NOISE, samples)
+    values = np.roll(torque.torque(speed, air, spark) + noise, late)
+    values[:late] = np.nan
+    columns = {"Speed": speed, "Rel_Airmass": air, "Ignition": spark, "Torque": values}
+    return kf.Dataset.of(f"{use} {seed}", columns, use=use)
+
+
+def calibrated(data, shift, **arguments):
+    return kf.calibrate(
+        torque.FORMULA,
+        data,
+        torque.start(),
+        target="Torque",
+        shift=shift,
+        smoothness=torque.SMOOTHNESS,
+        limits=torque.BOUNDS,
+        pins=[kf.Pin(*torque.PIN)],
+        options=kf.Options(continuation="off"),
+        **arguments,
+    )
+
+
+def test_a_torque_recorded_one_sample_late_is_moved_back():
+    data = bench(1)
+    blurred, found = calibrated(data, None), calibrated(data, {"Torque": "auto"})
+    assert found.shifts == {"training 0": {"Torque": -1.0}}
+    assert found.quality[0].rmse_after < 1.1 * torque.NOISE < 0.4 * blurred.quality[0].rmse_after
+    assert found.parameters["MapDragTorque"] == calibrated(data, {"Torque": -1.0}).parameters["MapDragTorque"]
+    assert found.as_json()["shifts"] == {"training 0": {"Torque": -1.0}}
+
+
+def test_channels_in_step_are_left_alone():
+    assert calibrated(bench(0), {"Torque": "auto", "Speed": "auto"}).shifts == {"training 0": {"Torque": 0, "Speed": 0}}
+
+
+def test_an_input_may_be_late_too():
+    data = bench(0)
+    late = shifted(data, {"Ignition": 2.0})
+    assert calibrated(late, {"Ignition": "auto"}).shifts == {"training 0": {"Ignition": -2.0}}
+
+
+def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
+    training = [bench(late, seed, samples=700) for seed, late in enumerate((1, 3, 3))]
+    result = calibrated(training, {"Torque": "auto"}, test=bench(3, 9, "test", 300))
+    assert [found["Torque"] for found in result.shifts.values()] == [-1.0, -3.0, -3.0, -3.0]
+
+
+def moving(noise=0.02, samples=3000):
+    rng = np.random.default_rng(4)
+    time = np.arange(samples) * 0.1
+    load = np.interp(time, np.arange(0, samples * 0.1 + 5, 5), rng.uniform(0, 6, samples // 50 + 1))
+    text, truth = (
+        "y = PT1(C(load), T)",
+        {"C": kf.Curve("C", range(7), np.sin(np.arange(7.0))), "T": kf.Scalar("T", 1.5)},
+    )
+    data = kf.Dataset.of("drive", {"load": load}, time=time)
+    clean = kf.simulate(text, data, kf.ParameterSet(truth.values()))["y"].values
+    start = kf.ParameterSet([truth["C"].with_values(np.zeros(7)), kf.Scalar("T", 1.0)])
+    return text, data.with_channels(kf.Channel("wanted", clean + noise * rng.normal(size=samples))), start
+
+
+@pytest.mark.parametrize("late", [0.0, 3.4, 0.5, -2.7, 7.0])
+def test_fractions_of_a_sample_are_found_in_time_data(late):
+    text, data, start = moving()
+    delayed = shifted(data, {"wanted": late * 0.1})
+    result = kf.calibrate(text, delayed, start, target="wanted", shift={"wanted": "auto"})
+    assert result.shifts["drive"]["wanted"] == pytest.approx(-late * 0.1, abs=0.015)
+    assert result.parameters["T"].value == pytest.approx(1.5, abs=0.05)
+
+
+def test_a_shift_at_the_end_of_the_window_is_said_to_be_there():
+    text, data, start = moving()
+    result = kf.calibrate(text, shifted(data, {"wanted": 3.0}), start, target="wanted", shift={"wanted": "auto"})
+    assert "The shift of wanted in drive reached the end of the window of 20 samples" in result.message
+
+
+@pytest.mark.skipif(not TRANSIENT.is_file(), reason=f"the measurement of the engine is not at {TRANSIENT}")
+def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
+    """The recording has a lag of its own; one more moves the answer by as much."""
+    data = kf.read(TRANSIENT, channels=["speed", "load", "NOx"])
+    axes = [np.linspace(-1.5, 1.9, 7), np.linspace(-1.16, 2.3, 7)]
+    start = kf.ParameterSet([kf.Map("M", *axes, np.zeros((7, 7))), kf.Scalar("T", 2.0, lower=0.01)])
+
+    def found(late):
+        model = "y = PT1(M(speed, load), T)"
+        delayed = shifted(data, {"NOx": late * 0.1})
+        result = kf.calibrate(model, delayed, start, target="NOx", smoothness={"M": 10.0}, shift={"NOx": "auto"})
+        return result.shifts[data.name]["NOx"], result.quality[0].rmse_after
+
+    (own, error), (more, _) = found(0.0), found(3.4)
+    assert own - more == pytest.approx(0.34, abs=0.015)
+    without = kf.calibrate("y = PT1(M(speed, load), T)", data, start, target="NOx", smoothness={"M": 10.0})
+    assert error < 0.9 * without.quality[0].rmse_after
+
+
+def test_a_channel_without_a_part_cannot_be_shifted():
+    with pytest.raises(kf.KennfeldError, match=r"there is no channel Torqe\. Did you mean Torque"):
+        calibrated(bench(0), {"Torqe": "auto"})
+    data = bench(0).with_channels(kf.Channel("Lambda", np.ones(1200)))
+    with pytest.raises(kf.InputError, match="Lambda is neither an input of the function nor a target"):
+        calibrated(data, {"Lambda": "auto"})
+    with pytest.raises(kf.KennfeldError, match="shift='late' of Torque must be a finite number or \"auto\""):
+        calibrated(data, {"Torque": "late"})
+
+
+def test_a_number_moves_the_channel_as_in_a_project():
+    assert calibrated(bench(2), {"Torque": -2.0}).quality[0].rmse_after < 1.1 * torque.NOISE

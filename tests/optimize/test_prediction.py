@@ -1,0 +1,87 @@
+"""The error predicted for data held back: its value by brute force, its derivatives by differences, its minimum."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.models.formula import formula
+from kennfeld.optimize.choice.prediction import GAMMA, Linearised, Prediction, minimised
+from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.roughness import Roughness
+
+AXES = {"M": 2, "C": 1}
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    """A map and a curve, whose linearised fit is exact."""
+    rng = np.random.default_rng(0)
+    x, y, z = rng.uniform(0, 10, 200), rng.uniform(0, 4, 200), rng.uniform(0, 3, 200)
+    target = np.sin(x) + y + z**2 + 0.1 * rng.normal(size=200)
+    breakpoints = [0.0, 0.8, 2.5, 5.0, 8.0, 10.0]
+    parameters = kf.ParameterSet(
+        [kf.Map("M", breakpoints, np.arange(5.0), rng.normal(size=(6, 5))), kf.Curve("C", range(4), [0, 1, 4, 9])]
+    )
+    data = kf.Dataset.of("d", {"x": x, "y": y, "z": z, "wanted": target})
+    model = formula("model = M(x, y) + C(z)", parameters=list(parameters))
+    return Compiled(Problem(model, (data,), parameters, (kf.Criterion("model", "wanted"),)))
+
+
+def unit(compiled, name, axis):
+    factors = [float(i == axis) for i in range(AXES[name])]
+    return Roughness.of(compiled.problem.parameters, compiled.values, {name: factors})
+
+
+def linearised(compiled, held=(), rows=()):
+    values = compiled.start[: compiled.values.free]
+    normal = compiled.accumulator.normal(compiled.start)
+    movable = np.ones(values.size, dtype=bool)
+    movable[list(held)] = False
+    equalities = np.zeros((len(rows), values.size))
+    for row, columns in enumerate(rows):
+        equalities[row, list(columns)] = (0.3, 0.7)
+    cost = compiled.accumulator.cost(compiled.start)
+    return Linearised(values, cost, normal.gradient.copy(), normal.matrix.copy(), movable, equalities, 200.0)
+
+
+@pytest.fixture(scope="module", params=["free", "held"])
+def prediction(compiled, request):
+    limits = {"free": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param]
+    blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1)]
+    return Prediction(linearised(compiled, *limits), blocks, [unit(compiled, "C", 0)])
+
+
+POINTS = [np.array([1.0, -2.0]), np.array([-6.0, 3.0]), np.array([8.0, 0.0])]
+
+
+@pytest.mark.parametrize("at", POINTS)
+def test_slopes_and_curvatures_are_those_of_differences(prediction, at):
+    point, step = prediction.at(at), 1e-2
+    for i, direction in enumerate(np.eye(2) * step):
+        ahead, behind = prediction.at(at + direction), prediction.at(at - direction)
+        assert (ahead.value - behind.value) / (2 * step) == pytest.approx(point.slope[i], rel=1e-3, abs=2e-3)
+        assert (ahead.slope - behind.slope) / (2 * step) == pytest.approx(point.curvature[i], rel=1e-3, abs=2e-3)
+
+
+def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
+    """By brute force, from the influence matrix of a fit of rows."""
+    blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1), unit(compiled, "C", 0)]
+    factors = np.array([0.5, 20.0, 3.0])
+    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    values = compiled.start[: compiled.values.free]
+    penalty = sum(f * block.rows(values)[1].T @ block.rows(values)[1] for f, block in zip(factors, blocks, strict=True))
+    influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian + penalty) @ jacobian.T
+    measured = jacobian @ values - residual
+    misfit = np.sum((measured - influence @ measured) ** 2)
+    expected = 200 * np.log(misfit / (1 - GAMMA * np.trace(influence) / 200) ** 2)
+    found = Prediction(linearised(compiled), blocks)
+    assert found.at(np.log(factors)).value == pytest.approx(expected, rel=1e-7)
+    assert found.freedom(np.log(factors)) == pytest.approx(np.trace(influence), rel=1e-6)
+
+
+def test_the_minimum_is_that_of_a_grid(prediction):
+    bounds = np.full(2, -12.0), np.full(2, 12.0)
+    found = minimised(prediction, np.zeros(2), *bounds)
+    line = np.linspace(-12, 12, 25)
+    least = min(prediction.at(np.array([x, y])).value for x in line for y in line)
+    assert prediction.at(found).value <= least + 0.05

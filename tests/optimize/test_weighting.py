@@ -1,0 +1,233 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+import kennfeld as kf
+from kennfeld.errors import ArgumentError
+from kennfeld.optimize import Problem, Region
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.problem import Compiled
+
+RANDOM = np.random.default_rng(5)
+X = np.linspace(0.0, 3.0, 60)
+W = RANDOM.uniform(0, 3, 60)
+Y = 2 * X + 1 + RANDOM.normal(0, 0.3, 60) + np.where(RANDOM.uniform(size=60) < 0.15, 6.0, 0.0)
+LOSSES = ("square", "huber", "soft_l1")
+
+
+def loss(r, kind, delta):
+    match kind:
+        case "square":
+            return r**2
+        case "huber":
+            return np.where(np.abs(r) <= delta, r**2, 2 * delta * np.abs(r) - delta**2)
+        case "soft_l1":
+            return 2 * delta**2 * (np.sqrt(1 + (r / delta) ** 2) - 1)
+
+
+def problem(criterion, data, text="m = a * x + b", start=(0.0, 0.0)):
+    datasets = data if isinstance(data, tuple) else (data,)
+    values = kf.ParameterSet([kf.Scalar("a", start[0]), kf.Scalar("b", start[1])])
+    return Problem(kf.formula(text, parameters=["a", "b"]), datasets, values, (criterion,))
+
+
+def line(**channels):
+    return kf.Dataset.of("bench", {"x": X, "y": Y, "w": W} | channels)
+
+
+@pytest.mark.parametrize("kind", LOSSES)
+@pytest.mark.parametrize("text", ["m = a * x + b", "m = prev(a, 0) * x + b"], ids=["no memory", "memory"])
+def test_a_weight_multiplies_the_loss_of_its_sample(kind, text):
+    """Not the residual: a robust loss judges that as it is."""
+    criterion = kf.Criterion("m", "y", 1.5, kind, delta=0.8, scale=2.0, weight_channel="w")
+    objective = SumOfSquares(Compiled(problem(criterion, line(), text, (1.3, 0.4))))
+    model = 1.3 * X + 0.4
+    if "prev" in text:
+        model[0] = 0.4
+    values = objective.start
+    expected = 1.5 * np.sum(W * loss((model - Y) / 2.0, kind, 0.8))
+    assert objective.cost(values) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", LOSSES)
+def test_gradient_and_rows_are_those_of_the_weighted_cost(kind):
+    criterion = kf.Criterion("m", "y", 1.5, kind, delta=0.8, scale=2.0, weight_channel="w")
+    data = replace(line(), time=0.1 * np.arange(60))
+    objective = SumOfSquares(Compiled(problem(criterion, data, "m = PT1(exp(a * x / 3), b)", (0.7, 0.4))))
+    values = objective.start
+    gradient, matrix = (part.copy() for part in objective.normal(values))
+    residual, jacobian = objective.rows(values)
+    for i in range(2):
+        h = np.eye(2)[i] * 1e-6
+        slope = (objective.cost(values + h) - objective.cost(values - h)) / 2e-6
+        assert 2 * gradient[i] == pytest.approx(slope, rel=1e-6)
+    np.testing.assert_allclose(jacobian.T @ residual, gradient, rtol=1e-10)
+    np.testing.assert_allclose(jacobian.T @ jacobian, matrix, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", LOSSES)
+def test_a_weighted_fit_is_that_of_scipy(kind):
+    result = kf.calibrate(
+        "m = a * x + b",
+        line(),
+        {"a": 0.0, "b": 0.0},
+        criteria=[kf.Criterion("m", "y", loss=kind, delta=0.5, scale=1.5, weight_channel="w")],
+    )
+
+    def gradient(p):
+        r = (p[0] * X + p[1] - Y) / 1.5
+        share = {"square": 1.0, "huber": np.minimum(1, 0.5 / np.abs(r)), "soft_l1": 1 / np.sqrt(1 + (r / 0.5) ** 2)}[
+            kind
+        ]
+        slope = W * share * r
+        return [np.sum(slope * X), np.sum(slope)]
+
+    peer = least_squares(gradient, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    found = [result.parameters[name].value for name in "ab"]
+    assert found == pytest.approx(peer.x, rel=1e-6)
+    error = result.parameters["a"].value * X + result.parameters["b"].value - Y
+    assert result.quality[0].rmse_after == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["huber", "soft_l1"])
+@pytest.mark.parametrize(("delta", "scale"), [(1.0, 1.0), (0.3, 1.0), (1.0, 0.4), (0.5, 3.0)])
+def test_robust_losses_are_those_of_scipy(kind, delta, scale):
+    """Their rho(z) with f_scale is ours with delta; their cost is half of ours."""
+    x = np.linspace(0, 4, 80)
+    y = 3 * np.exp(-0.6 * x) + 0.5 + np.random.default_rng(3).normal(0, 0.05, 80)
+    y[::9] += 2.0
+    peer = least_squares(
+        lambda p: (p[0] * np.exp(-p[1] * x) + p[2] - y) / scale,
+        [1.0, 1.0, 0.0],
+        loss=kind,
+        f_scale=delta,
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+    )
+    result = kf.calibrate(
+        "m = a * exp(-b * x) + c",
+        {"x": x, "y": y},
+        {"a": 1.0, "b": 1.0, "c": 0.0},
+        criteria=[kf.Criterion("m", "y", loss=kind, delta=delta, scale=scale)],
+        options=kf.Options(tolerance=1e-12),
+    )
+    assert result.converged
+    assert result.cost_after == pytest.approx(2 * peer.cost, rel=1e-9)
+    assert [result.parameters[name].value for name in "abc"] == pytest.approx(peer.x, rel=1e-4)
+    square = kf.calibrate("m = a * exp(-b * x) + c", {"x": x, "y": y}, {"a": 1.0, "b": 1.0, "c": 0.0}, target="y")
+    if delta * scale < 1:
+        off = [abs(r.parameters["c"].value - 0.5) for r in (result, square)]
+        assert off[0] < 0.5 * off[1]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.integers(0, 3), min_size=60, max_size=60).filter(lambda counts: sum(map(bool, counts)) > 3))
+def test_a_whole_weight_is_a_sample_that_occurs_so_often(counts):
+    often = np.repeat(np.arange(60), counts)
+    for kind in ("square", "soft_l1"):
+        criterion = kf.Criterion("m", "y", loss=kind, weight_channel="w")
+        weighted = SumOfSquares(Compiled(problem(criterion, line(w=counts))))
+        repeated = kf.Dataset.of("bench", {"x": X[often], "y": Y[often]})
+        plain = SumOfSquares(Compiled(problem(kf.Criterion("m", "y", loss=kind), repeated)))
+        assert weighted.cost(np.array([1.0, 2.0])) == pytest.approx(plain.cost(np.array([1.0, 2.0])), rel=1e-12)
+
+
+def test_weight_zero_and_nan_switch_a_sample_off_even_where_the_model_fails():
+    x = np.array([1.0, 2.0, 3.0, -1.0, -2.0])
+    data = {"x": x, "y": np.sqrt(np.abs(x)) * 2, "w": [1.0, 1.0, 1.0, 0.0, np.nan]}
+    result = kf.calibrate("m = a * sqrt(x)", data, {"a": 1.0}, criteria=[kf.Criterion("m", "y", weight_channel="w")])
+    assert result.parameters["a"].value == pytest.approx(2.0)
+    assert result.quality[0].samples == 5
+
+
+def test_weights_of_dataset_criterion_and_regions_multiply():
+    data = kf.Dataset.of("bench", {"x": X, "y": Y, "w": W, "v": X}, weight=2.0, weight_channel="v")
+    regions = [Region("x > 1", 3.0), Region("x > 2 and w > 1", 0.5)]
+    compiled = Compiled(problem(kf.Criterion("m", "y", 1.5, weight_channel="w", regions=regions), data))
+    weight = 2.0 * 1.5 * X * W * np.where(X > 1, 3.0, 1.0) * np.where((X > 2) & (W > 1), 0.5, 1.0)
+    cost = SumOfSquares(compiled).cost(np.array([1.0, 2.0]))
+    order = {name: compiled.values.offsets[name] for name in "ab"}
+    a, b = (np.array([1.0, 2.0])[order[name]] for name in "ab")
+    assert cost == pytest.approx(np.sum(weight * (a * X + b - Y) ** 2), rel=1e-12)
+    assert compiled.weights == pytest.approx(weight.sum(), rel=1e-12)
+
+
+def test_a_dataset_without_weights_counts_each_sample_once_beside_one_with():
+    plain, weighted = (
+        kf.Dataset.of("plain", {"x": X, "y": Y}),
+        kf.Dataset.of("weighted", {"x": X, "y": Y, "v": W}, weight_channel="v"),
+    )
+    both = SumOfSquares(Compiled(problem(kf.Criterion("m", "y"), (plain, weighted))))
+    alone = [SumOfSquares(Compiled(problem(kf.Criterion("m", "y"), data))) for data in (plain, weighted)]
+    at = np.array([1.0, 2.0])
+    assert both.cost(at) == pytest.approx(sum(one.cost(at) for one in alone), rel=1e-12)
+
+
+def test_a_weight_follows_its_sample_through_sorting_gaps_and_smoothing():
+    """Samples are sorted by cell, and those without an input fall out."""
+    x, inner = RANDOM.permutation(X), RANDOM.uniform(0, 2, 60)
+    x[7] = np.nan
+    y, w = np.sin(np.nan_to_num(x)), RANDOM.uniform(0, 2, 60)
+    start = kf.ParameterSet([kf.Curve("C", [0, 1, 2, 3], [0.0, 1, 2, 1]), kf.Curve("D", [0, 1, 2], [0.0, 1, 2.5])])
+    model = kf.formula("m = C(D(u)) + C(x)", parameters=["C", "D"])
+    criterion = kf.Criterion("m", "y", weight_channel="w")
+    made = Problem(model, (kf.Dataset.of("d", {"x": x, "u": inner, "y": y, "w": w}),), start, (criterion,))
+    exact = Compiled(made)
+    got = kf.simulate(model, {"x": np.nan_to_num(x), "u": inner}, start)["m"].values
+    expected = np.sum((w * (got - y) ** 2)[np.isfinite(x)])
+    assert SumOfSquares(exact).cost(exact.start) == pytest.approx(expected, rel=1e-12)
+    smooth = Compiled(made, smooth_like=exact)
+    smooth.set_width(1e-9)
+    assert SumOfSquares(smooth).cost(smooth.start) == pytest.approx(expected, rel=1e-6)
+
+
+def test_wrong_weights_are_found_all_at_once():
+    criteria = [
+        kf.Criterion("m", "y", weight_channel="ww"),
+        kf.Criterion("m", 1.0, weight_channel="bad", regions=[Region("x >", 1.0), Region("z > 1", 1.0)]),
+        kf.Criterion("m", 2.0, regions=[Region("t > 1", 2.0)]),
+    ]
+    data = line(bad=np.where(X > 2, -1.0, 1.0))
+    with pytest.raises(kf.InputError) as error:
+        kf.calibrate("m = a * x + b", data, {"a": 0.0, "b": 0.0}, criteria=criteria)
+    found = [str(finding) for finding in error.value.findings]
+    assert found[0] == "criterion on m weight_channel: dataset bench has no channel ww. Did you mean w?"
+    assert found[1].startswith("criterion on m weight_channel: 20 weights of bad in dataset bench are below 0 or infin")
+    assert "the first, -1, at sample 41" in found[1]
+    assert found[2].startswith("criterion on m region 1")
+    assert found[3].startswith("criterion on m region 2: dataset bench has no channel z.")
+    assert found[4].startswith("criterion on m region 1: the condition needs time")
+    assert len(found) == 5
+
+
+def test_weights_that_leave_nothing_are_an_error_and_those_of_one_dataset_are_not():
+    empty, full = line(w=np.full(60, np.nan)), line()
+    criteria = [kf.Criterion("m", "y", weight_channel="w")]
+    with pytest.raises(kf.InputError, match="criterion on m: no training sample has a weight above 0"):
+        kf.calibrate("m = a * x + b", empty, {"a": 0.0, "b": 0.0}, criteria=criteria)
+    both = kf.calibrate("m = a * x + b", [replace(empty, name="empty"), full], {"a": 0.0, "b": 0.0}, criteria=criteria)
+    alone = kf.calibrate("m = a * x + b", full, {"a": 0.0, "b": 0.0}, criteria=criteria)
+    assert both.cost_after == pytest.approx(alone.cost_after, rel=1e-12)
+    regions = [Region("x >= 0", 0.0)]
+    with pytest.raises(kf.InputError, match="no training sample has a weight above 0"):
+        kf.calibrate("m = a * x", full, {"a": 0.0}, criteria=[kf.Criterion("m", "y", regions=regions)])
+
+
+@pytest.mark.parametrize(("where", "weight"), [("", 1.0), ("x > 1", -1.0), ("x > 1", np.inf), ("x > 1", np.nan)])
+def test_a_region_is_checked_when_it_is_made(where, weight):
+    with pytest.raises(ArgumentError):
+        Region(where, weight)
+
+
+def test_limits_of_outputs_hold_beside_weights():
+    data = line(v=W + 0.1)
+    for weighed in (replace(data, weight_channel="v"), data):
+        result = kf.calibrate("m = a * x + b", weighed, {"a": 0.0, "b": 0.0}, target="y", limits={"m": (0.0, 5.0)})
+        assert result.converged
+        a, b = (result.parameters[name].value for name in "ab")
+        assert np.max(a * X + b) == pytest.approx(5.0, rel=1e-5)
