@@ -16,6 +16,7 @@ TOPICS = {
     "compile": "benchmarks.compiling",
     "startup": "benchmarks.startup",
     "nist": "benchmarks.nist",
+    "sets": "benchmarks.sets",
 }
 
 

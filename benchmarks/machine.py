@@ -8,7 +8,7 @@ from pathlib import Path
 
 __all__ = ["PACKAGES", "heading", "load"]
 
-PACKAGES = ("kennfeld", "numpy", "scipy", "llvmlite", "lmfit", "casadi", "optimistix", "jax")
+PACKAGES = ("kennfeld", "numpy", "scipy", "llvmlite", "lmfit", "casadi", "optimistix", "jax", "optimagic", "pyceres")
 
 
 def processor() -> str:

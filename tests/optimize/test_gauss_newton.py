@@ -14,6 +14,7 @@ class Residuals:
     def __init__(self, residuals, jacobian, small=True):
         self.residuals, self.jacobian, self.small = residuals, jacobian, small
         self.bends = small
+        self.learns = True
         self.tried = []
 
     def cost(self, values):
@@ -291,6 +292,25 @@ def test_the_helical_valley_is_solved():
 
     end = descend(Residuals(residuals, jacobian), [-1.0, 0.0, 0.0])
     assert end.values == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)
+
+
+@both_paths
+@pytest.mark.parametrize("factor", [1.0, 10.0])
+def test_residuals_that_stay_large_are_no_obstacle(small, factor):
+    """Brown and Dennis; the Gauss-Newton matrix misses most of the curvature here."""
+    t = np.arange(1, 21) / 5
+
+    def parts(p):
+        return p[0] + t * p[1] - np.exp(t), p[2] + p[3] * np.sin(t) - np.cos(t)
+
+    def jacobian(p):
+        one, two = parts(p)
+        return 2 * np.stack([one, one * t, two, two * np.sin(t)], axis=1)
+
+    objective = Residuals(lambda p: parts(p)[0] ** 2 + parts(p)[1] ** 2, jacobian, small)
+    end = descend(objective, factor * np.array([25.0, 5.0, -5.0, -1.0]))
+    assert end.status == "converged"
+    assert end.cost == pytest.approx(85822.20162635, rel=1e-8)
 
 
 def test_growth_beyond_every_number_is_no_warning():

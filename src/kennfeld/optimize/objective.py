@@ -10,6 +10,7 @@ from kennfeld.optimize.problem import Compiled
 __all__ = ["SumOfSquares"]
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000
+LEARNING_VALUES = 128
 FLOOR = 1e-6  # of the mean curvature in the same table
 
 
@@ -36,6 +37,11 @@ class SumOfSquares:
     def bends(self) -> bool:
         """Whether the residuals' curvature can be read off `rows`: a robust loss changes their weights on the way."""
         return self._small and all(output.loss == "square" for output in self._compiled.kernel.outputs)
+
+    @property
+    def learns(self) -> bool:
+        """Whether second derivatives are learnt: the matrix is dense, and many tables are more kinks than curves."""
+        return self._free <= LEARNING_VALUES
 
     @property
     def start(self) -> Float:

@@ -4,6 +4,8 @@ Every iteration solves a convex quadratic program in the damped Gauss-Newton mod
 actual to predicted gain (H. B. Nielsen, Damping parameter in Marquardt's method, 1999); it is measured in each value's
 own scale, the diagonal of the Gauss-Newton matrix with a floor, so values of any unit are treated alike.
 Small problems are factored by QR of the Jacobian, which keeps the digits that the normal equations square away.
+Where the residuals' own curvature matters, a second model adds what `Secant` has learnt of it; of the two, the one that
+predicted the last trial better is in use.
 """
 
 from collections.abc import Callable
@@ -16,6 +18,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.native import Cholesky, Factor
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.solver.quadratic import Solution, solve
+from kennfeld.optimize.solver.secant import Secant
 
 __all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
 
@@ -32,6 +35,10 @@ class Objective(Protocol):
     @property
     def bends(self) -> bool:
         """Whether `rows` changes smoothly enough to measure the curvature of the residuals."""
+
+    @property
+    def learns(self) -> bool:
+        """Whether the residuals' second derivatives are worth a dense matrix of all values."""
 
     def cost(self, values: Float) -> float:
         """The cost; not finite where the model fails."""
@@ -132,8 +139,12 @@ class _Linearised:
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
 
-    def factor(self, damping: float) -> tuple[Factor, Float] | None:
+    def factor(self, damping: float, secant: Secant | None = None) -> tuple[Factor, Float] | None:
         """Factor of the damped matrix and the step without limits; None where it is not positive definite."""
+        if secant is not None:
+            whole = (self.root.T @ self.root if self.matrix is None else self.matrix) + secant.matrix
+            curved = Cholesky(self.movable.size).factor(whole, damping * self.scale)
+            return None if curved is None else (curved, curved.solve(-self.gradient))
         if self.matrix is not None:
             factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damping * self.scale)
             return None if factor is None else (factor, factor.solve(-self.gradient))
@@ -158,6 +169,10 @@ class _Linearised:
             return np.full(step.size, np.inf)
         curved = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
         return factor.solve(-(self.jacobian.T @ curved))
+
+    def explained(self, step: Float) -> Float:
+        """Change of the gradient over a step that the Gauss-Newton matrix predicts."""
+        return self.root.T @ (self.root @ step) if self.matrix is None else self.matrix @ step
 
     def gain(self, step: Float) -> float:
         """Predicted decrease of the cost."""
@@ -216,6 +231,9 @@ class _Descending:
         self.calm = 0
         self.active: Int | None = None
         self.scale: Float | None = None
+        self.secant: Secant | None = None
+        self.curved = False
+        self.last: tuple[Float, Float, Float] | None = None
 
     def run(self) -> Descent:
         movable = np.flatnonzero(self.limits.movable)
@@ -231,11 +249,14 @@ class _Descending:
 
     def _iterate(self, movable: Int) -> Descent:
         narrow = self.limits.narrowed(movable, self.at)
+        if self.objective.learns:
+            self.secant = Secant(movable.size)
         while self.iterations < self.settings.max_iterations:
             line = _Linearised(self.objective, self.at, movable, self.cost, self.scale)
             self.scale = line.scale
             if not line.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")
+            self._learn(line)
             end = self._descend(line, narrow)
             if end is not None:
                 return end
@@ -243,38 +264,63 @@ class _Descending:
             "max_iterations", "The cost was still falling when the iterations ran out; raise max_iterations."
         )
 
+    def _learn(self, line: _Linearised) -> None:
+        if self.secant is not None and self.last is not None:
+            step, gradient, explained = self.last
+            self.secant.learn(step, line.gradient - gradient, explained)
+            self.last = None
+
     def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
-        """Raise the damping until a step lowers the cost; None to go on from there."""
+        """Raise the damping, or change the model, until a step lowers the cost; None to go on from there."""
+        here = self.at[line.movable]
+        may_switch = True
         while self.damping < MOST_DAMPING:
-            found = line.factor(self.damping)
+            found = line.factor(self.damping, self.secant if self.curved else None)
             if found is None:
                 self._harder()
                 continue
             factor, free_step = found
-            here = self.at[line.movable]
             solution = solve(factor, free_step, here, limits, self.active)
-            there = limits.clip(here + solution.step)
-            gain = line.gain(there - here)
-            if np.array_equal(there, here):
+            step = limits.clip(here + solution.step) - here
+            gain, other = self._gains(line, step)
+            if not step.any():
                 return self._end("converged", "No step changes the values any further.")
             if gain <= self.settings.tolerance**2 * self.cost and self.damping <= 1.0:
-                return self._end("converged", "The gradient is zero within the tolerance.")
-            if self.objective.bends:
-                bend = line.bend(factor, there - here)
-                if not 2 * line.length(bend) <= MOST_BEND * line.length(there - here):
+                if not self.curved:
+                    return self._end("converged", "The gradient is zero within the tolerance.")
+                # What was learnt may be wrong: the Gauss-Newton model alone decides that this is the end.
+                self.curved, may_switch = False, False
+                continue
+            if self.objective.bends and not self.curved:
+                bend = line.bend(factor, step)
+                if not 2 * line.length(bend) <= MOST_BEND * line.length(step):
                     self._harder()
                     continue
                 solution = solve(factor, free_step + 0.5 * bend, here, limits, solution.active)
-                there = limits.clip(here + solution.step)
             trial = self.at.copy()
-            trial[line.movable] = there
+            trial[line.movable] = limits.clip(here + solution.step)
             cost = self.objective.cost(trial)
             self.evaluations += 1
+            actual = self.cost - cost
+            worse = np.isfinite(cost) and abs(actual - other) < abs(actual - gain)
             if np.isfinite(cost) and cost < self.cost:
-                self._accept(line, solution, trial, cost, (self.cost - cost) / gain)
+                if self.secant is not None:
+                    step = trial[line.movable] - here
+                    self.last = (step, line.gradient.copy(), line.explained(step))
+                self._accept(line, solution, trial, cost, actual / gain if gain > 0 else 0.0)
+                self.curved ^= worse
                 return self._settled()
-            self._harder()
+            if worse and may_switch:
+                self.curved, may_switch = not self.curved, False
+            else:
+                self._harder()
         return self._end("converged", "No step lowers the cost any further.")
+
+    def _gains(self, line: _Linearised, step: Float) -> tuple[float, float]:
+        """Gain of a step predicted by the model in use, and by the other one."""
+        plain = line.gain(step)
+        curved = plain if self.secant is None else plain - self.secant.bend(step)
+        return (curved, plain) if self.curved else (plain, curved)
 
     def _harder(self) -> None:
         self.damping *= self.growth

@@ -1,0 +1,131 @@
+"""The solvers of topic `sets`: each takes a problem and one tolerance for every test it has, and returns its values."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.set_problem import Given
+
+__all__ = ["CAP", "SOLVERS"]
+
+Float = NDArray[np.float64]
+CAP = 1000  # calls of the residual function
+SMALL_VALUES = 64
+
+
+class _Sum:
+    """A problem as Kennfeld's solver sees it; see `kennfeld.optimize.solver.gauss_newton.Objective`."""
+
+    def __init__(self, given: Given) -> None:
+        self._given = given
+        self.small = self.bends = given.start.size <= SMALL_VALUES
+        self.learns = True
+
+    def cost(self, values: Float) -> float:
+        residual = self._given.residual(values)
+        return float(residual @ residual)
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        return self._given.residual(values), self._given.jacobian(values)
+
+    def normal(self, values: Float) -> tuple[Float, Float]:
+        residual, jacobian = self.rows(values)
+        return jacobian.T @ residual, jacobian.T @ jacobian
+
+    def floor(self, diagonal: Float) -> Float:
+        return np.zeros_like(diagonal)
+
+    def cholesky(self, size: int) -> Any:
+        from kennfeld.native import Cholesky
+
+        return Cholesky(size)
+
+
+def _kennfeld(given: Given, tolerance: float) -> Float:
+    from kennfeld.optimize.limits.limits import Limits
+    from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+
+    settings = Settings(max_iterations=CAP, tolerance=tolerance)
+    return gauss_newton(_Sum(given), given.start, Limits.none(given.start.size), settings).values
+
+
+def _trf(given: Given, tolerance: float) -> Float:
+    return _least_squares(given, tolerance, method="trf")
+
+
+def _trf_scaled(given: Given, tolerance: float) -> Float:
+    return _least_squares(given, tolerance, method="trf", x_scale="jac")
+
+
+def _lm(given: Given, tolerance: float) -> Float:
+    return _least_squares(given, tolerance, method="lm")
+
+
+def _least_squares(given: Given, tolerance: float, **options: Any) -> Float:
+    from scipy.optimize import least_squares
+
+    same = {"ftol": tolerance, "xtol": tolerance, "gtol": tolerance, "max_nfev": CAP}
+    return np.asarray(least_squares(given.residual, given.start, jac=given.jacobian, **same, **options).x)
+
+
+def _optimistix(given: Given, tolerance: float) -> Float:
+    import jax
+    import jax.numpy as jnp
+    import optimistix
+
+    jax.config.update("jax_enable_x64", True)
+    start = jnp.asarray(given.start)
+    count, size = given.residual(given.start).size, given.start.size
+
+    @jax.custom_jvp
+    def residual(values: Any) -> Any:
+        shape = jax.ShapeDtypeStruct((count,), jnp.float64)
+        return jax.pure_callback(lambda x: given.residual(np.asarray(x)), shape, values)
+
+    @residual.defjvp
+    def derivative(primal: Any, tangent: Any) -> Any:
+        shape = jax.ShapeDtypeStruct((count, size), jnp.float64)
+        jacobian = jax.pure_callback(lambda x: given.jacobian(np.asarray(x)), shape, *primal)
+        return residual(*primal), jacobian @ tangent[0]
+
+    solver = optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    found = optimistix.least_squares(lambda x, _: residual(x), solver, start, max_steps=CAP, throw=False)
+    return np.asarray(found.value)
+
+
+def _ceres(given: Given, tolerance: float) -> Float:
+    import pyceres
+
+    class Cost(pyceres.CostFunction):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.set_num_residuals(given.residual(given.start).size)
+            self.set_parameter_block_sizes([given.start.size])
+
+        def Evaluate(self, parameters: Any, residuals: Any, jacobians: Any) -> bool:  # noqa: N802
+            residuals[:] = given.residual(parameters[0])
+            if jacobians is not None and jacobians[0] is not None:
+                jacobians[0][:] = given.jacobian(parameters[0]).ravel()
+            return bool(np.all(np.isfinite(residuals)))
+
+    values = given.start.copy()
+    cost, problem = Cost(), pyceres.Problem()
+    problem.add_residual_block(cost, None, [values])
+    options = pyceres.SolverOptions()
+    options.function_tolerance = options.gradient_tolerance = options.parameter_tolerance = tolerance
+    options.max_num_iterations, options.num_threads = CAP, 1
+    options.linear_solver_type = pyceres.LinearSolverType.DENSE_QR
+    options.logging_type = pyceres.LoggingType.SILENT
+    pyceres.solve(options, problem, pyceres.SolverSummary())
+    return values
+
+
+SOLVERS = {
+    "kennfeld": _kennfeld,
+    "trf": _trf,
+    "trf_scaled": _trf_scaled,
+    "lm": _lm,
+    "optimistix": _optimistix,
+    "ceres": _ceres,
+}
