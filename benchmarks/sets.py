@@ -16,10 +16,8 @@ from benchmarks.table import Table, seconds
 __all__ = ["run", "solve"]
 
 TOLERANCE = 1e-8
-NEAR, ZERO = (
-    1e-6,
-    1e-8,
-)  # how close a cost is to a least cost: relatively, and absolutely where that is smaller than ZERO
+NEAR = 1e-6  # how close a cost is to a least cost, relatively
+ZERO = 1e-8  # the same absolutely, where the least cost is smaller
 TOOLS = {
     "Kennfeld": ("kennfeld", ()),
     "scipy TRF": ("trf", ("scipy",)),
@@ -126,9 +124,9 @@ def _notes(found: dict[str, Ends], stated: dict[str, float], best: dict[str, flo
     ours = found.get("Kennfeld", {})
     behind = [name for name, end in ours.items() if not _reached(end["cost"], best[name])]
     return [
-        f"Solved: a final cost within {NEAR:g} of the least cost that optimagic states (absolutely within {ZERO:g} where "
-        "that is smaller), and of the best any solver here found where it states none. Missed are problems that another "
-        "solver here solved.",
+        f"Solved: a final cost within {NEAR:g} of the least cost that optimagic states (absolutely within {ZERO:g} "
+        "where that is smaller), and of the best any solver here found where it states none. Missed are problems that "
+        "another solver here solved.",
         "Of the best found: the same rule against the best any solver here found. It differs where nobody reaches what "
         f"is stated: {', '.join(nobody) or 'nowhere'}.",
         f"Kennfeld ends above the best found on: {', '.join(behind) or 'none'}.",
