@@ -76,7 +76,7 @@ class Axis:
             )
         if not np.all(np.isfinite(points)):
             raise ArgumentError(f"breakpoints of axis {self.label} must be finite: {points.tolist()}")
-        falling = np.flatnonzero(np.diff(points) <= 0)
+        falling = np.flatnonzero(points[1:] <= points[:-1])
         if falling.size:
             at = int(falling[0])
             raise ArgumentError(

@@ -200,7 +200,7 @@ class _Reader:
         points = self._numbers(record, cells)
         if points is None:
             return
-        falling = np.flatnonzero(np.diff(points) <= 0)
+        falling = np.flatnonzero(points[1:] <= points[:-1])
         if not points.size or falling.size or not np.isfinite(points).all():
             what = "has no breakpoints" if not points.size else f"does not increase: {_fall(points)}"
             self._wrong(record, f"{record.kind} {what}")
@@ -338,5 +338,5 @@ class _Reader:
 
 
 def _fall(points: Float) -> str:
-    at = int(np.flatnonzero(np.diff(points) <= 0)[0])
+    at = int(np.flatnonzero(points[1:] <= points[:-1])[0])
     return f"breakpoint {at + 2} ({points[at + 1]:g}) does not exceed breakpoint {at + 1} ({points[at]:g})"

@@ -267,7 +267,7 @@ def _wrong_axis(letter: str, points: Float, size: int) -> tuple[str, str] | None
     """What is wrong with the breakpoints of an axis, and the mend."""
     if len(points) != size:
         return f"has {counted(len(points), f'{letter} breakpoint')}, its header asks for {size}", ""
-    falling = np.flatnonzero(np.diff(points) <= 0)
+    falling = np.flatnonzero(points[1:] <= points[:-1])
     if not falling.size:
         return None
     at = int(falling[0])

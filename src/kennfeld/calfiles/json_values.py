@@ -270,7 +270,7 @@ def _wrong_points(points: Float) -> tuple[int, str] | None:
     """Where an axis is wrong, and how."""
     for at in np.flatnonzero(~np.isfinite(points)):
         return int(at), "is no finite number"
-    for at in np.flatnonzero(np.diff(points) <= 0):
+    for at in np.flatnonzero(points[1:] <= points[:-1]):
         return int(at) + 1, f"the axis does not increase: {points[at + 1]:g} follows {points[at]:g}"
     return None
 
