@@ -399,7 +399,8 @@ class TestResume:
         assert not (folder / "results" / "result.json").exists()
         assert len(workers) == (0 if starts == 1 else 2) or sys.platform != "linux"
         self.wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
-        change(project, f"starts = {starts}", f"starts = {min(starts, 3)}\ncontinuation = 'off'")
+        fewer = f"starts = {min(starts, 3)}\nmax_iterations = 1000\ncontinuation = 'off'"
+        change(project, f"starts = {starts}", fewer)
         change(project, 'continuation = "auto"', "")
         assert cli.run(["calibrate", str(project), "--resume"]) == 0
         out, err = capsys.readouterr()
