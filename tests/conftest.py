@@ -5,6 +5,6 @@ A search for new ones is asked for: `pytest --hypothesis-profile=search`.
 
 from hypothesis import settings
 
-settings.register_profile("same", derandomize=True, deadline=None, print_blob=True)
-settings.register_profile("search", deadline=None, print_blob=True, max_examples=500)
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("search", deadline=None, print_blob=True)
 settings.load_profile("same")

@@ -64,7 +64,7 @@ def check_sums(made, widths=None):
             assert_same_sums((other.gradient, other.matrix), own)
     if ok.all() and np.isfinite(direct.costs).all():
         event("summed")
-        with np.errstate(over="ignore"):
+        with np.errstate(all="ignore"):
             np.testing.assert_allclose(costs, direct.costs, rtol=1e-9, atol=1e-10 + 1e3 * np.max(noise))
         assert accumulator.cost(made.values) == pytest.approx(costs.sum(), rel=1e-12)
 
