@@ -89,6 +89,16 @@ def test_what_is_not_positive_definite_has_no_factor_and_does_no_harm(spoilt):
     np.testing.assert_allclose(cholesky.factor(matrix, np.zeros(11)).solve(right), np.linalg.solve(matrix, right))
 
 
+def test_zeros_in_one_half_alone_do_no_harm():
+    # sums of products, rounded, may cancel on one side of the diagonal and not on the other
+    size = 10
+    matrix = np.diag(np.arange(1.0, size + 1)) + np.diag(np.full(size - 1, 1e-17), 1)
+    right = np.arange(1.0, size + 1)
+    for given_matrix in (matrix, matrix.T):
+        made = Cholesky(size).factor(given_matrix, np.zeros(size))
+        np.testing.assert_allclose(made.solve(right), np.ones(size), rtol=1e-12)
+
+
 def test_a_matrix_may_be_part_of_a_wider_one_and_stored_either_way():
     random = np.random.default_rng(2)
     wide = np.zeros((10, 16))

@@ -127,7 +127,8 @@ class Cholesky:
         """
         diagonal = np.ascontiguousarray(diagonal)
         if not self._factor.load(matrix, diagonal):
-            self._pattern |= matrix != 0
+            filled = matrix != 0
+            self._pattern |= filled | filled.T  # rounding may leave a zero in one half alone
             self._take(self._widened())
             self._factor.load(matrix, diagonal)
         return self._factor if self._factor.factor() else None

@@ -68,7 +68,7 @@ class Settings:
     max_iterations: int = 200
     tolerance: float = 1e-8
     patience: int = 3
-    damping: float = 1e-3
+    damping: float = 1e-4
     trusted: float = 0.9
 
 
