@@ -199,6 +199,16 @@ class Parameter:
         """The axes a lookup searches: the own ones, or the positions 0, 1, ... of a value block."""
         return self.axes
 
+    @property
+    def coordinates(self) -> int:
+        """How many coordinates a lookup gives."""
+        return len(self.index_axes)
+
+    @property
+    def packed(self) -> Float:
+        """The values as compiled code reads them where no calibration changes them, in C order."""
+        return self.values.ravel()
+
     def with_values(self, values: ArrayLike) -> Self:
         """The same parameter holding other values: an array of its shape, or a flat one in C order."""
         array = np.asarray(values, dtype=np.float64)

@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hypothesis import strategies as st
 
+from kennfeld.expansion import Expansion
 from kennfeld.graph import OPERATIONS, Builder, Graph
 from kennfeld.graph.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar
+from kennfeld.rbf import RBF
 
 INPUTS = ("u", "v", "w")
 LOSSES = ("square", "huber", "soft_l1")
@@ -173,7 +175,16 @@ def tables(draw, random) -> list[Parameter]:
         Cube("Q4", fourth, values(*fourth), extrapolation=extrapolation()),
         Block("B", random.standard_normal(draw(st.integers(1, 4)))),
         Block("B2", random.standard_normal((2, 3))),
+        RBF("R2", expansion(random, draw(st.sampled_from([0, 1, 3, 8, 10])), 2)),
+        RBF("R5", expansion(random, 2, 5)),
     ]
+
+
+def expansion(random, size, inputs):
+    """Bells of about the size of the coordinates."""
+    centres, widths = random.standard_normal((size, inputs)), random.uniform(0.7, 2.0, (size, inputs))
+    slopes, weights = random.standard_normal(inputs), random.standard_normal(size)
+    return Expansion(random.standard_normal(), slopes, weights, centres, widths)
 
 
 def _rising(random, count):
@@ -203,7 +214,7 @@ class _Growth:
 
     def lookup(self):
         name = self.draw(st.sampled_from(sorted(self.parameters)))
-        return self.b.lookup(name, *(self.pick() for _ in self.parameters[name].index_axes))
+        return self.b.lookup(name, *(self.pick() for _ in range(self.parameters[name].coordinates)))
 
     def nest(self):
         """A lookup of two lookups, themselves of what there is."""

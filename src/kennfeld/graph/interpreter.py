@@ -16,10 +16,11 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
-from kennfeld.graph.lowering import AxisRef, Lowered, TableRef, lower
+from kennfeld.graph.lowering import AxisRef, ExpansionRef, Lowered, TableRef, lower
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.parameters import ParameterSet
+from kennfeld.rbf import RBF
 
 __all__ = ["Evaluation", "Interpreter", "Rows", "evaluate"]
 
@@ -117,9 +118,20 @@ class Interpreter:
                 table, axis = payload
                 sides = [s if i == axis else w for i, (w, s) in enumerate(self._sides(table, args))]
                 return interpolate(self.parameters[table.name].values, sides)
+            case "expansion":
+                return self._rbf(payload).expansion(_points(args))
+            case "expansion_slope":
+                ref, axis = payload
+                along: Float = self._rbf(ref).expansion.gradient(_points(args))[:, axis]
+                return along
             case _:
                 result: Float = OPERATIONS[op].evaluate(*args)
                 return result
+
+    def _rbf(self, ref: ExpansionRef) -> RBF:
+        parameter = self.parameters[ref.name]
+        assert isinstance(parameter, RBF)
+        return parameter
 
     def _points(self, axis: AxisRef) -> Float:
         return self.axes[axis.number] if axis.key is None else self.moving.get(axis.key, self.axes[axis.number])
@@ -171,6 +183,9 @@ class Interpreter:
         if node.op == "position":
             first = offsets[node.payload.key]
             weights = cell_weights(run[at], self._points(node.payload).size)[0]
+        elif node.op == "expansion":
+            first = offsets[node.payload.name]
+            weights = self._rbf(node.payload).value_slopes(_points([run[a] for a in node.args]))
         else:
             first, shape = offsets[node.payload.name], self.parameters[node.payload.name].values.shape
             weights = table_weights([w for w, _ in self._sides(node.payload, [run[a] for a in node.args])], shape)
@@ -187,6 +202,11 @@ class Interpreter:
             if slope != 0:
                 row += slope * (now[leaf] if leaf in now else weights[leaf][k])
         return row
+
+
+def _points(coordinates: Sequence[Float]) -> Float:
+    """Coordinates side by side, Float[samples, inputs]."""
+    return np.stack(np.broadcast_arrays(*coordinates), axis=-1)
 
 
 def _slopes(slopes: Slopes, run: Evaluation, k: int) -> list[Mapping[int, float]]:

@@ -13,8 +13,9 @@ from kennfeld.errors import ArgumentError
 from kennfeld.graph.free_axes import AxisKey, free_axes, key_of
 from kennfeld.graph.node import Builder, Graph, Node, State, extract
 from kennfeld.parameters import Extrapolation, Parameter, ParameterSet
+from kennfeld.rbf import RBF
 
-__all__ = ["AxisRef", "Free", "Lowered", "TableRef", "dependent", "enters", "lower", "rewrite"]
+__all__ = ["AxisRef", "ExpansionRef", "Free", "Lowered", "TableRef", "dependent", "enters", "lower", "rewrite"]
 
 Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
@@ -33,6 +34,14 @@ class TableRef(NamedTuple):
     name: str
     axes: tuple[AxisRef, ...]
     smoothed: tuple[bool, ...]
+
+
+class ExpansionRef(NamedTuple):
+    """A parameter of kind rbf, and how many inputs and centres it has."""
+
+    name: str
+    inputs: int
+    centres: int
 
 
 @dataclass(frozen=True)
@@ -75,6 +84,8 @@ def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) 
         if op != "lookup":
             return b.call(op, *args) if args else b.node(op, args, payload)
         parameter = parameters[payload]
+        if isinstance(parameter, RBF):
+            return b.node("expansion", args, ExpansionRef(payload, parameter.coordinates, parameter.centres))
         refs = tuple(axis_ref(parameter, i) for i in range(len(args)))
         smoothed = tuple(
             a in moving and ref.key is None and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True)
@@ -92,9 +103,10 @@ def _check(graph: Graph, parameters: ParameterSet) -> None:
     for name, count in dict.fromkeys((n.payload, len(n.args)) for n in graph.nodes if n.op == "lookup"):
         if name not in parameters:
             raise ArgumentError(f"the function looks up {name}, which is no parameter of the set")
-        given = len(parameters[name].index_axes)
+        given = parameters[name].coordinates
         if given != count:
-            raise ArgumentError(f"the function gives {name} {count} coordinates, but it has {given} axes")
+            has = "inputs" if isinstance(parameters[name], RBF) else "axes"
+            raise ArgumentError(f"the function gives {name} {count} coordinates, but it has {given} {has}")
 
 
 def rewrite(graph: Graph, resolve: Callable[[Builder, int, tuple[int, ...]], int]) -> Graph:
@@ -117,7 +129,7 @@ def enters(node: Node, free: Free) -> bool:
     """
     if node.op == "position":
         return node.payload.key is not None and node.payload.key in free
-    return node.op == "interpolate" and node.payload.name in free
+    return node.op in ("interpolate", "expansion") and node.payload.name in free
 
 
 def dependent(graph: Graph, source: Callable[[Node], bool], *, through_states: bool = True) -> set[int]:

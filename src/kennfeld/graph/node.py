@@ -35,6 +35,8 @@ class Node(NamedTuple):
     | density | x | `AxisRef`; the slope of position, 1/width of the cell, 0 where clipped |
     | interpolate | a position an axis, or x itself where the axis is smoothed | `TableRef` |
     | slope | as interpolate | (`TableRef`, axis); the slope of interpolate along its argument `axis` |
+    | expansion | coordinates | `ExpansionRef`; the value of a parameter of kind rbf |
+    | expansion_slope | as expansion | (`ExpansionRef`, axis); the slope of expansion along its argument `axis` |
     """
 
     op: str

@@ -9,6 +9,9 @@ from kennfeld.graph.operations import OPERATIONS
 __all__ = ["Partial", "cone", "of_breakpoints", "partials"]
 
 
+SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope"}
+
+
 class Partial(NamedTuple):
     """The adjoint of `argument` grows by the node's: times `factor`, or, if it `switches`, where that is true."""
 
@@ -20,11 +23,10 @@ class Partial(NamedTuple):
 def partials(b: Builder, at: int, active: Collection[int]) -> Iterator[Partial]:
     """What node `at` passes on to those of its arguments that are `active`; steps pass nothing on."""
     op, args, payload = b.nodes[at]
-    if op in ("interpolate", "position"):
+    if op in SLOPES:
         for axis, a in enumerate(args):
             if a in active:
-                density = op == "position"
-                slope = b.node("density", args, payload) if density else b.node("slope", args, (payload, axis))
+                slope = b.node(SLOPES[op], args, payload if op == "position" else (payload, axis))
                 yield Partial(a, slope, switches=False)
     elif args:
         rule = OPERATIONS[op]

@@ -13,8 +13,10 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.graph import Node
 from kennfeld.graph.free_axes import AxisKey
-from kennfeld.graph.lowering import AxisRef, TableRef
+from kennfeld.graph.lowering import AxisRef, ExpansionRef, TableRef
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
+from kennfeld.native.engine import Shared
+from kennfeld.native.expansion import evaluation, value_slopes
 from kennfeld.native.ir import LANES, Function, literal
 from kennfeld.native.rows import HEAD, load_sample
 from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_window
@@ -44,6 +46,7 @@ class Layout:
     axes: tuple[Float, ...]
     latencies: tuple[int, ...]  # of the states
     moving: Mapping[AxisKey, int] = field(default_factory=dict)  # first value of each free axis
+    free: int = 0  # values before this one are fitted; expansions behind it hold reciprocals of their widths
     axis_offsets: tuple[int, ...] = field(init=False)
     searches: dict[tuple[int, int], int] = field(default_factory=dict)  # hint of each node searched in an axis
     memory_offsets: tuple[int, ...] = field(init=False)
@@ -109,6 +112,7 @@ class Step:
         self._truths: dict[int, Truth] = {}
         self._cells: dict[tuple[int, int], Cell] = {}
         self._windows: dict[tuple[int, AxisRef], Window] = {}
+        self._expansions: dict[tuple[str, tuple[int, ...]], str] = {}
 
     def value(self, node: int) -> str:
         """The double of a node, computed before."""
@@ -171,6 +175,10 @@ class Step:
                 return self._table(payload, args, None)
             case "slope", (TableRef() as table, int() as axis):
                 return self._table(table, args, axis)
+            case "expansion", ExpansionRef():
+                return f.load(self._expansion(payload, args))
+            case "expansion_slope", (ExpansionRef() as ref, int() as axis):
+                return f.load(self._expansion(ref, args), 1 + axis)
             case "select", _:
                 return self.choose(args[0], self.value(args[1]), self.value(args[2]))
             case "pow", _ if (whole := self._whole(args[1])) is not None:
@@ -257,6 +265,29 @@ class Step:
             linear = axis.extrapolation == "linear"
             self._windows[x, axis] = smooth_window(self.f, self.value(x), at, count, width, linear)
         return self._windows[x, axis]
+
+    def _expansion(self, ref: ExpansionRef, args: tuple[int, ...]) -> str:
+        """Where an expansion's value and its slopes along the inputs stand."""
+        if (ref.name, args) not in self._expansions:
+            reciprocal = self.layout.offsets[ref.name] >= self.layout.free
+            out = self.f.slot("double", 1 + ref.inputs)
+            self._call_expansion(evaluation(ref.inputs, reciprocal=reciprocal), ref, args, out)
+            self._expansions[ref.name, args] = out
+        return self._expansions[ref.name, args]
+
+    def expansion_weights(self, ref: ExpansionRef, args: tuple[int, ...]) -> tuple[int, str]:
+        """How many values an expansion has, and where its slopes with respect to them stand."""
+        count = int(np.prod(self.layout.shapes[ref.name]))
+        out = self.f.slot("double", count)
+        self._call_expansion(value_slopes(ref.inputs), ref, args, out)
+        return count, out
+
+    def _call_expansion(self, function: Shared, ref: ExpansionRef, args: tuple[int, ...], out: str) -> None:
+        f, x = self.f, self.f.slot("double", ref.inputs)
+        for d, a in enumerate(args):
+            f.store(self.value(a), x, d)
+        values = f.at("%values", self.layout.offsets[ref.name])
+        f.do(f"call void {function}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
 
     def _table(self, table: TableRef, args: Sequence[int], slope: int | None) -> str:
         f = self.f

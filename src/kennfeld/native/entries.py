@@ -1,12 +1,14 @@
 """Code that writes the entries of a tape: the columns that a sample touches, and what belongs to each.
 
-A lookup touches the grid points around its coordinate; a position on a free axis the breakpoints around it.
+A lookup touches the grid points around its coordinate; a position on a free axis the breakpoints around it; an
+expansion all of its values.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.lowering import ExpansionRef
 from kennfeld.native.emitter import Item, Layout, Step
 from kennfeld.native.tables import Corner, corners
 
@@ -33,6 +35,9 @@ def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Ent
             room += min(layout.axes[line.nodes[atom].payload.number].size, 2)
             continue
         table = line.nodes[atom].payload
+        if line.nodes[atom].op == "expansion":
+            room, fixed = room + layout.shapes[table.name][0], False
+            continue
         for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
             points *= count if smoothed else min(count, 2)
             fixed = fixed and not smoothed
@@ -96,6 +101,8 @@ class _Points:
         op, args, payload = self.line.nodes[self.atom]
         if op == "position":
             return corners(step.f, [step.cell(self.atom)], [1])
+        if op == "expansion":
+            return _all_values(step, payload, args)
         return corners(step.f, step.sides(payload, args), self.layout.strides(payload.name))
 
     @property
@@ -118,3 +125,9 @@ class _Points:
         if not self.entries.fixed:
             count = step.f.load("%count", "%row", "i32")
             step.f.store(step.f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
+
+
+def _all_values(step: Step, ref: ExpansionRef, args: tuple[int, ...]) -> Iterator[Corner]:
+    count, weights = step.expansion_weights(ref, args)
+    with step.f.loop(0, count) as value:
+        yield Corner(value, step.f.load(weights, value))

@@ -40,8 +40,8 @@ class Values:
         """The array that holds these parameters."""
         flat = np.empty(self.total)
         for name, at in self.offsets.items():
-            values = parameters[name].values
-            flat[at : at + values.size] = values.ravel()
+            table = parameters[name]
+            flat[at : at + table.size] = table.values.ravel() if at < self.free else table.packed
         for key, at in self.moving.items():
             points = self._points(key, parameters)
             flat[at : at + points.size] = points
@@ -117,6 +117,7 @@ class Kernel:
             lowered.axes,
             tuple(state.latency for state in graph.states),
             self.values.moving,
+            self.values.free,
         )
         self.axes = self.layout.breakpoints
         self.pattern = _pattern(self.line)

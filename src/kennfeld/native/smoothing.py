@@ -6,11 +6,10 @@ exponential and the normal distribution are polynomials here and not calls of th
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
 from kennfeld.native.ir import EIGHT, LANES, Function, literal
+from kennfeld.native.vector import Vector
 
 __all__ = ["smooth"]
 
@@ -22,9 +21,6 @@ MILLS = (
     -3.2145155088911404e-07, -4.9235535075000134e-08, 6.10772273712855e-09, 1.7883197305282796e-09,
     -4.176163905641845e-11, -5.180767946561654e-11,
 )  # fmt: skip
-EXPONENTIAL = tuple(1 / math.factorial(i) for i in range(13))  # to 2e-16 for |r| <= ln(2) / 2
-ROUNDER = 1.5 * 2.0**52  # adding it rounds to a whole number, which then stands in the last bits
-ONES = 1023 << 52  # the bits of 1.0
 
 
 def smooth() -> Function:
@@ -63,55 +59,14 @@ def _ramps(f: Function, first: str, end: str) -> None:
     groups = f.new(f"sdiv i64 {f.add(f.new(f'sub i64 {end}, {first}'), LANES - 1)}, {LANES}")
     with f.loop(0, groups) as group:
         place = f.add(first, f.mul(group, LANES))
-        v = _Vector(f)
+        v = Vector(f)
         t = v("fsub", f_x, f.load(f.at("%points", place), kind=EIGHT))
         ramp, rise = _ramp(v, t, v("fmul", t, f_inverse), f_width)
         f.store(ramp, f.at("%weights", place), kind=EIGHT)
         f.store(rise, f.at("%slopes", place), kind=EIGHT)
 
 
-@dataclass(frozen=True)
-class _Vector:
-    """Arithmetic on eight doubles at once."""
-
-    f: Function
-
-    def __call__(self, instruction: str, a: str, b: str) -> str:
-        return self.f.new(f"{instruction} contract {EIGHT} {a}, {b}")
-
-    def all(self, value: float) -> str:
-        """Eight times a constant."""
-        return f"<{', '.join([f'double {literal(value)}'] * LANES)}>"
-
-    def where(self, condition: str, a: str, b: str) -> str:
-        """One of two in each lane."""
-        return self.f.new(f"select <{LANES} x i1> {condition}, {EIGHT} {a}, {EIGHT} {b}")
-
-    def compare(self, how: str, a: str, b: float) -> str:
-        """A condition a lane."""
-        return self.f.new(f"fcmp {how} {EIGHT} {a}, {self.all(b)}")
-
-    def polynomial(self, x: str, coefficients: Sequence[float]) -> str:
-        """By Horner's rule; the constant term comes first."""
-        total = self.all(coefficients[-1])
-        for coefficient in reversed(coefficients[:-1]):
-            total = self("fadd", self("fmul", total, x), self.all(coefficient))
-        return total
-
-    def exp(self, x: str) -> str:
-        """e^x for -700 < x <= 0, within 2 ulp: 2^n e^r with n whole and |r| <= ln(2) / 2."""
-        f, whole = self.f, f"<{LANES} x i64>"
-        scaled = self("fmul", x, self.all(1 / math.log(2)))
-        shifted = f.new(f"fadd {EIGHT} {scaled}, {self.all(ROUNDER)}")
-        number = f.new(f"fsub {EIGHT} {shifted}, {self.all(ROUNDER)}")
-        rest = self("fsub", x, self("fmul", number, self.all(math.log(2))))
-        bits = f.new(f"bitcast {EIGHT} {shifted} to {whole}")
-        high = f.new(f"shl {whole} {bits}, <{', '.join(['i64 52'] * LANES)}>")
-        power = f.new(f"add {whole} {high}, <{', '.join([f'i64 {ONES}'] * LANES)}>")
-        return self("fmul", self.polynomial(rest, EXPONENTIAL), f.new(f"bitcast {whole} {power} to {EIGHT}"))
-
-
-def _ramp(v: _Vector, t: str, u: str, width: str) -> tuple[str, str]:
+def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
     """Smoothed ramps and their slopes at distances t = u width from their start."""
     above, below = v.compare("oge", u, WINDOW), v.compare("ole", u, -WINDOW)
     u = v.where(above, v.all(WINDOW), v.where(below, v.all(-WINDOW), u))
