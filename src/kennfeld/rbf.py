@@ -1,6 +1,7 @@
 """A model of radial basis functions as a parameter: what data teach, and what may replace a large map."""
 
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -32,7 +33,7 @@ def parts(inputs: int, size: int) -> Parts:
     slice(33, 53, None)
     """
     ends = np.cumsum([0, 1, inputs, size, inputs * size, inputs * size]).tolist()
-    return Parts(*(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)))
+    return Parts(*(slice(a, b) for a, b in pairwise(ends)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, init=False)

@@ -9,7 +9,16 @@ from kennfeld.graph.operations import OPERATIONS
 
 __all__ = ["Split", "split"]
 
-_COST = {"const": 0, "input": 1, "state": 1000, "div": 4, "select": 1, "position": 10, "interpolate": 10, "expansion": 1000}
+_COST = {
+    "const": 0,
+    "input": 1,
+    "state": 1000,
+    "div": 4,
+    "select": 1,
+    "position": 10,
+    "interpolate": 10,
+    "expansion": 1000,
+}
 _CHEAP = {"add", "sub", "mul", "neg", "min", "max", "abs", "not", "and", "or", "lt", "le", "gt", "ge", "eq", "ne"}
 _WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
 

@@ -64,7 +64,9 @@ def _each_eight(f: Function, body: Callable[[str, str], None]) -> None:
     with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
         lanes = f"<{', '.join(f'i64 {lane}' for lane in range(LANES))}>"
         counts = f.new(f"insertelement <{LANES} x i64> poison, i64 {rest}, i64 0")
-        spread = f.new(f"shufflevector <{LANES} x i64> {counts}, <{LANES} x i64> poison, <{LANES} x i32> zeroinitializer")
+        spread = f.new(
+            f"shufflevector <{LANES} x i64> {counts}, <{LANES} x i64> poison, <{LANES} x i32> zeroinitializer"
+        )
         body(whole, f.new(f"icmp slt <{LANES} x i64> {lanes}, {spread}"))
 
 
@@ -128,7 +130,9 @@ def _evaluation(inputs: int, reciprocal: bool) -> Function:
         zip(sums, [straight, *(f.load("%values", 1 + d) for d in range(inputs))], strict=True)
     ):
         held = f.load(total, kind=EIGHT)
-        f.store(f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {EIGHT} {held})"), "%out", at)
+        f.store(
+            f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {EIGHT} {held})"), "%out", at
+        )
     return f
 
 

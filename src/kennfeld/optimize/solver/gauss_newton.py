@@ -104,6 +104,9 @@ MEMORY = 0.5  # share of a value's scale that it keeps at least from one iterati
 MOST_DAMPING = 1e40  # steps have vanished long before
 PROBE = 0.1  # share of a step at which its curvature is measured
 MOST_BEND = 0.75
+LITTLE_DAMPING = 1e-12
+PROMISED = 0.5  # share of the cost that a step with little damping may promise to gain at a minimum, say at a crease
+SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals vanish
 
 
 class _Linearised:
@@ -223,7 +226,7 @@ class _Descending:
     ) -> None:
         self.objective, self.limits, self.settings, self.report = objective, limits, settings, report
         self.at = start
-        self.cost = np.inf
+        self.cost = self.first_cost = np.inf
         self.evaluations = 1
         self.iterations = 0
         self.damping = settings.damping
@@ -238,7 +241,7 @@ class _Descending:
     def run(self) -> Descent:
         movable = np.flatnonzero(self.limits.movable)
         try:
-            self.cost = self.objective.cost(self.at)
+            self.cost = self.first_cost = self.objective.cost(self.at)
             if not np.isfinite(self.cost):
                 return self._end("failed", "The cost is not a finite number at the start.")
             if not movable.size:
@@ -284,7 +287,7 @@ class _Descending:
             step = limits.clip(here + solution.step) - here
             gain, other = self._gains(line, step)
             if not step.any():
-                return self._end("converged", "No step changes the values any further.")
+                return self._stuck(line, limits, "No step changes the values any further.")
             if gain <= self.settings.tolerance**2 * self.cost and self.damping <= 1.0:
                 if not self.curved:
                     return self._end("converged", "The gradient is zero within the tolerance.")
@@ -314,7 +317,20 @@ class _Descending:
                 self.curved, may_switch = not self.curved, False
             else:
                 self._harder()
-        return self._end("converged", "No step lowers the cost any further.")
+        return self._stuck(line, limits, "No step lowers the cost any further.")
+
+    def _stuck(self, line: _Linearised, limits: Limits, message: str) -> Descent:
+        """The end where damping leaves no step: at a minimum, or where all but the shortest steps lead astray."""
+        found = line.factor(LITTLE_DAMPING) if self.cost > SOLVED * self.first_cost else None
+        if found is not None and np.all(np.isfinite(found[1])):
+            step = solve(*found, self.at[line.movable], limits, self.active).step
+            if line.gain(step) > PROMISED * self.cost:
+                return self._end(
+                    "failed",
+                    "No step lowers the cost, though its slopes promise much: the values are too far from what the "
+                    "data ask for, or the model jumps. Start from other values, or give bounds.",
+                )
+        return self._end("converged", message)
 
     def _gains(self, line: _Linearised, step: Float) -> tuple[float, float]:
         """Gain of a step predicted by the model in use, and by the other one."""
