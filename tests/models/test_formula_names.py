@@ -108,7 +108,11 @@ def test_arguments_of_a_function_hide_other_names():
             "cube M\ny = M(u, v)",
             "line 2, column 5: M is declared as a cube and has 2 coordinates here. Write M(x, y, z).",
         ),
-        ("y = M(1, 2, 3, 4, u)", "line 1, column 5: M has 5 coordinates; tables have at most 4"),
+        (
+            "y = M(1, 2, 3, 4, u)",
+            "line 1, column 5: M has 5 coordinates; tables have at most 4. "
+            "Declare it, if it is an expansion in radial basis functions: rbf M.",
+        ),
         ("y = M()", "line 1, column 5: M has no coordinates. Write M(x), or M."),
         ("y = z(2)\nz = u", "line 1, column 5: z is a node, not a table. Write * to multiply."),
         ("input u\ny = u(2)", "line 2, column 5: u is an input, not a table. Write * to multiply."),

@@ -189,4 +189,12 @@ def test_what_text_cannot_say_is_refused():
     assert "the unit 'a]' of y" in refused(b.finish({"y": y}, {"y": "a]"}))
     both = b.call("add", b.lookup("M", u), b.lookup("M", u, v))
     assert "'M' is looked up with 1 and with 2 coordinates" in refused(b.finish({"y": both}))
-    assert "tables have at most 4" in refused(b.finish({"y": b.lookup("M", u, v, y, u, v)}))
+
+
+def test_an_expansion_is_printed_with_its_declaration():
+    b = Builder()
+    x = [b.input(name) for name in "abcdef"]
+    graph = b.finish({"y": b.lookup("Engine", *x)})
+    text = to_text(graph)
+    assert "rbf Engine" in text
+    assert formula(text).graph == graph

@@ -25,7 +25,7 @@ Table = Sequence[Sequence[str]]  # the heading first
 _SECTION = re.compile(r"^[ \t]*\[{1,2}(model|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE)
 _LINE_OF_FORMULA = re.compile(
     r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
-    r"|(?:input|output|scalar|curve|map|cube|step|def)\s+\S)"
+    r"|(?:input|output|scalar|curve|map|cube|rbf|step|def)\s+\S)"
 )
 _CALIBRATIONS = (Kind.DCM, Kind.CVX, Kind.JSON)
 _HEAD = 65536
@@ -135,7 +135,8 @@ def _formula(file: Path, model: Model) -> Contents:
     nodes += [(name, graph.units.get(name, ""), "output" if name in outputs else "") for name in graph.names]
     inputs = [("input", "unit"), *((name, graph.units.get(name, "")) for name in graph.inputs)]
     words = ("scalar", "curve", "map", "cube", "cube")
-    parameters = [("parameter", "kind"), *((name, words[axes]) for name, axes in graph.parameters.items())]
+    kinds = {name: words[axes] if axes < len(words) else "rbf" for name, axes in graph.parameters.items()}
+    parameters = [("parameter", "kind"), *kinds.items()]
     memory = f", {len(graph.states)} states" if graph.states else ""
     found = events(graph, tuple(graph.parameters))
     notes = (

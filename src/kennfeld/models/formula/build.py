@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 
 from kennfeld.models.formula.functions import (
     CONSTANTS,
-    FUNCTIONS,
     OPERATORS,
     Argument,
     Loom,
@@ -127,8 +126,8 @@ class _Weaver:
         return self.loom.call("neg" if expr.op == "-" else "not", operand)
 
     def _call(self, expr: Call, scope: _Scope) -> _Steps:
-        if not expr.at.quoted and expr.name in FUNCTIONS:
-            return (yield from self._built_in(FUNCTIONS[expr.name], expr, scope))
+        if (function := self.names.built_in(expr)) is not None:
+            return (yield from self._built_in(function, expr, scope))
         if not expr.at.quoted and expr.name in self.names.functions:
             return (yield from self._defined(expr, scope))
         coordinates: list[int] = []

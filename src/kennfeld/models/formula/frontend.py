@@ -95,7 +95,7 @@ def _units(names: Names, graph: Graph) -> Mapping[str, str]:
 
 
 def _declared(names: Names) -> dict[str, int]:
-    axes = {"scalar": 0, "curve": 1, "map": 2, "cube": 3}
+    axes = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
     return {name: names.axes.get(name, axes[found.kind]) for name, found in names.declared.items()}
 
 

@@ -7,7 +7,7 @@ from kennfeld.models.formula.syntax import Token
 
 __all__ = ["DECLARATIONS", "FOREIGN", "RESERVED", "is_plain", "statements", "tokens"]
 
-DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "step", "def"})
+DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "rbf", "step", "def"})
 RESERVED = frozenset({"and", "or", "not", "if", "pi", "dt", "t", "inf", "nan"})
 
 # what other languages write, and what to write here

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, TypeVar
 from kennfeld.errors import nearest
 from kennfeld.graph import CLOCK
 from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS
+from kennfeld.models.formula.functions import Function as BuiltIn
 from kennfeld.models.formula.lexer import RESERVED
 from kennfeld.models.formula.source import Source
 from kennfeld.models.formula.syntax import (
@@ -36,7 +37,7 @@ class Surroundings(NamedTuple):
 
     `parameters` None means that they are not known: what is called like a function is a table. `axes` are their
     numbers of axes, where known; `inputs` are taken. `channels` None means that any other name is an input.
-    `owner` says in complaints whose parameters they are.
+    `owner` says in complaints whose parameters they are; `functions` are called like the built-in ones.
     """
 
     nodes: Mapping[str, int] = MappingProxyType({})
@@ -45,6 +46,7 @@ class Surroundings(NamedTuple):
     inputs: Collection[str] = ()
     channels: Collection[str] | None = None
     owner: str = "this project"
+    functions: Mapping[str, BuiltIn] = MappingProxyType({})
 
 
 def children(expr: Expr) -> Sequence[Expr]:
@@ -108,6 +110,12 @@ class Names:
         if name in self.declared or name in (self.around.parameters or ()):
             return "parameter"
         return "input"
+
+    def built_in(self, call: Call) -> BuiltIn | None:
+        """The function that is called, where it is not one of the text."""
+        if call.at.quoted:
+            return None
+        return FUNCTIONS.get(call.name) or self.around.functions.get(call.name)
 
     def _register(self, statement: Statement) -> None:
         match statement:
@@ -217,8 +225,8 @@ class Names:
         name, count = call.name, len(call.args)
         if not call.at.quoted and name in arguments:
             self._report(owner, call.at, f"{name} is an argument, not a table", "Write * to multiply.")
-        elif not call.at.quoted and name in FUNCTIONS:
-            self._check_built_in(owner, call)
+        elif (function := self.built_in(call)) is not None:
+            self._check_built_in(owner, call, function)
         elif not call.at.quoted and name in self.functions:
             self._check_defined(owner, call)
         elif not call.at.quoted and name in RESERVED:
@@ -231,8 +239,8 @@ class Names:
             self._called.setdefault(name, call.at)
             self._check_axes(owner, name, count, call.at)
 
-    def _check_built_in(self, owner: str, call: Call) -> None:
-        function, count = FUNCTIONS[call.name], len(call.args)
+    def _check_built_in(self, owner: str, call: Call, function: BuiltIn) -> None:
+        count = len(call.args)
         if function.fewest <= count <= function.most:
             return
         few, many = function.fewest, function.most
@@ -262,16 +270,17 @@ class Names:
 
     def _check_axes(self, owner: str, name: str, count: int, at: Token) -> None:
         before = self.uses.setdefault(name, at)
-        if count > 4:
-            self._report(owner, at, f"{name} has {count} coordinates; tables have at most 4")
-        elif name in self.declared and count not in _AXES[self.declared[name].kind]:
-            kind = self.declared[name].kind
+        kind = self.declared[name].kind if name in self.declared else ""
+        if count > 4 and kind != "rbf" and name not in self.around.axes:
+            mend = f"Declare it, if it is an expansion in radial basis functions: rbf {at.text}."
+            self._report(owner, at, f"{name} has {count} coordinates; tables have at most 4", mend)
+        elif kind in _AXES and count not in _AXES[kind]:
             what = f"{name} is declared as a {kind} and has {_coordinates(count)} here"
             self._report(owner, at, what, f"Write {_example(name, _AXES[kind][0])}.")
         elif self.axes.setdefault(name, count) != count:
             first = self.axes[name]
             where = f" in {self._where(before)}" if before is not at else f" of {self.around.owner}"
-            what = f"{name} is {_TABLES[first]} with {_coordinates(first)}{where} and has {count or 'none'} here"
+            what = f"{name} is {_TABLES.get(first, 'an expansion')} with {_coordinates(first)}{where} and has {count or 'none'} here"
             self._report(owner, at, what, f"Write {_example(name, first)}.")
 
     def _check_outputs(self) -> None:

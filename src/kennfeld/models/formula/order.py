@@ -4,7 +4,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
-from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.names import Names, children
 from kennfeld.models.formula.syntax import Call, Definition, Expr, Function, Name
 
@@ -121,8 +120,8 @@ def _uses(expr: Expr, names: Names, needs: Mapping[str, _Needs], arguments: Coll
         if isinstance(at, Name):
             if at.name in arguments or names.kind(at.name, at.at.quoted) == "node":
                 yield _Use(at.name, start)
-        elif isinstance(at, Call) and not at.at.quoted and at.name in FUNCTIONS:
-            given = [(FUNCTIONS[at.name].argument(i), arg) for i, arg in enumerate(at.args)]
+        elif isinstance(at, Call) and (function := names.built_in(at)) is not None:
+            given = [(function.argument(i), arg) for i, arg in enumerate(at.args)]
             stack.extend((arg, start or spec.name == "init") for spec, arg in given if not spec.later)
         elif isinstance(at, Call) and not at.at.quoted and at.name in names.functions:
             needed = needs.get(at.name, _Needs((), ()))

@@ -67,15 +67,13 @@ def _check_tables(graph: Graph) -> None:
     for op, args, name in graph.nodes:
         if op == "lookup" and len(args) != axes[name]:
             raise ArgumentError(f"{name!r} is looked up with {len(args)} and with {axes[name]} coordinates")
-        if op == "lookup" and len(args) >= len(_TABLES):
-            raise ArgumentError(f"{name!r} has {len(args)} coordinates; tables have at most 4")
 
 
 def _declarations(graph: Graph) -> Iterator[str]:
     axes = graph.parameters
     for kind, name in (
         *(("input", name) for name in graph.inputs),
-        *((_TABLES[number], name) for name, number in axes.items()),
+        *((_TABLES[number] if number < len(_TABLES) else "rbf", name) for name, number in axes.items()),
         *(("output", name) for name in graph.outputs),
     ):
         unit = "" if kind == "output" else _unit(graph, name)
