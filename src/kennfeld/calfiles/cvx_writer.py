@@ -87,7 +87,7 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
 
 
 def _faults(member: Parameter) -> Iterator[str]:
-    if member.kind == "cube" or member.values.ndim > 2 or member.size == 0:
-        yield f"CVX cannot hold a {member.kind} of shape {member.values.shape}"
+    if member.kind in ("cube", "rbf") or member.values.ndim > 2 or member.size == 0:
+        yield f"CVX cannot hold {'an' if member.kind == 'rbf' else 'a'} {member.kind} of shape {member.values.shape}"
     elif not np.isfinite(member.values).all():
         yield "CVX cannot hold values that are not finite"

@@ -60,7 +60,9 @@ def _repeated(names: list[str]) -> list[str]:
 
 def _faults(member: Parameter) -> Iterator[tuple[str, str]]:
     yield from _name_faults(member.name)
-    if member.kind not in _KEYWORDS or member.values.ndim > 2:
+    if member.kind == "rbf":
+        yield "DCM cannot hold an expansion in radial basis functions", "Write it as .json."
+    elif member.kind not in _KEYWORDS or member.values.ndim > 2:
         yield f"DCM cannot hold a {member.kind} of {member.values.ndim} dimensions", "Write it as .json."
     elif member.size == 0:
         yield "DCM cannot hold a block without values", "Write it as .json."

@@ -1,7 +1,9 @@
 """`parameters.json`: the values a run leaves, one entry a parameter, a row for each x.
 
     {"b1": {"kind": "scalar", "unit": "", "value": 1.0},
-     "MapX": {"kind": "map", "unit": "Nm", "x": [1, 2], "y": [0, 9], "values": [[1, 2], [3, 4]]}}
+     "MapX": {"kind": "map", "unit": "Nm", "x": [1, 2], "y": [0, 9], "values": [[1, 2], [3, 4]]},
+     "Model": {"kind": "rbf", "unit": "", "inputs": ["n"], "offset": 1, "slopes": [0],
+               "weights": [2], "centres": [[3]], "widths": [[0.5]]}}
 
 `description`, and `x_name`, `x_unit`, `x_input` of each axis, are left out where empty. A group axis that
 no table uses is an entry of kind "axis". Numbers that are not finite are null.
@@ -16,12 +18,15 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.errors import ArgumentError, nearest
+from kennfeld.expansion import Expansion
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+from kennfeld.rbf import RBF
 
 __all__ = ["read_json", "recognises_json", "write_json"]
 
 _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
-_KINDS = (*_TABLES, "block", "text", "axis")
+_PARTS = ("offset", "slopes", "weights", "centres", "widths")
+_KINDS = (*_TABLES, "block", "rbf", "text", "axis")
 _ATTRIBUTES = ("name", "unit", "input")
 
 
@@ -52,6 +57,9 @@ def _entry(member: Parameter) -> dict[str, Any]:
     entry: dict[str, Any] = {"kind": member.kind, "unit": member.unit}
     if member.description:
         entry["description"] = member.description
+    if isinstance(member, RBF):
+        parts = {part: getattr(member.expansion, part) for part in _PARTS}
+        return entry | {"inputs": list(member.inputs)} | {name: np.asarray(a).tolist() for name, a in parts.items()}
     for letter, axis in zip("xyzw", member.axes, strict=False):
         entry |= {f"{letter}_{key}": getattr(axis, key) for key in _ATTRIBUTES if getattr(axis, key)}
         entry[letter] = axis.breakpoints.tolist()
@@ -161,6 +169,8 @@ class _Reader:
             self.texts.append(Text(name, self._string(name, entry, "text"), self._string(name, entry, "description")))
         elif kind == "axis":
             self._spare_axis(name, entry)
+        elif kind == "rbf":
+            self._rbf(name, entry)
         else:
             self._table(name, kind, entry)
         return None
@@ -169,8 +179,12 @@ class _Reader:
         self.notes.error(0, "", f"{path}: {what}", mend)
 
     def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
-        known = {"kind", "unit", "description"} | {"text": {"text"}, "axis": {"x", "input"}}.get(kind, set())
-        if kind not in ("text", "axis"):
+        known = {"kind", "unit", "description"} | {
+            "text": {"text"},
+            "axis": {"x", "input"},
+            "rbf": {"inputs", *_PARTS},
+        }.get(kind, set())
+        if kind not in ("text", "axis", "rbf"):
             letters = _TABLES.get(kind, "")
             known |= {"value" if kind == "scalar" else "values", *letters}
             known |= {f"{letter}_{key}" for letter in letters for key in _ATTRIBUTES}
@@ -219,6 +233,31 @@ class _Reader:
             self._wrong(name, str(error))
         else:
             self.members.append(made)
+
+    def _rbf(self, name: str, entry: _Pairs) -> None:
+        missing = [key for key in ("inputs", *_PARTS) if key not in entry]
+        for key in missing:
+            self._wrong(f"{name}.{key}", "is missing")
+        if missing:
+            return
+        inputs, centres = (len(entry[k]) if isinstance(entry[k], list) else 0 for k in ("inputs", "weights"))
+        shapes = {
+            "offset": [],
+            "slopes": [inputs],
+            "weights": [centres],
+            **dict.fromkeys(_PARTS[3:], [centres, inputs]),
+        }
+        parts = {}
+        for key, shape in shapes.items():
+            numbers = list(self._numbers(entry[key], shape, f"{name}.{key}"))
+            if len(numbers) < int(np.prod(shape)):
+                return
+            parts[key] = np.array(numbers, dtype=np.float64).reshape(shape)
+        attributes = {key: self._string(name, entry, key) for key in ("unit", "description")}
+        try:
+            self.members.append(RBF(name, Expansion(**parts), list(map(str, entry["inputs"])), **attributes))
+        except ArgumentError as error:
+            self._wrong(name, str(error))
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:
         points = self._points(name, entry, letter)

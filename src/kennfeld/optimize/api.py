@@ -171,7 +171,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
 
 def resolved(model: Model, parameters: ParameterSet) -> Model:
     """The model with the inputs that are scalar parameters of the set turned into lookups of them."""
-    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].index_axes}
+    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
     if not names:
         return model
 
@@ -305,8 +305,8 @@ def missing(
         if name not in parameters:
             mend = nearest(name, parameters)
             findings.append(Finding("function", f"{name} is no parameter of the set", mend))
-        elif len(parameters[name].index_axes) != count:
-            has = len(parameters[name].index_axes)
+        elif parameters[name].coordinates != count:
+            has = parameters[name].coordinates
             findings.append(Finding("function", f"{name} is given {count} coordinates, but has {has} axes"))
     for dataset in datasets:
         for name in graph.inputs:

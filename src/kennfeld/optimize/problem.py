@@ -57,9 +57,10 @@ class Problem:
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
-        """The parameters that the function looks up and a pattern frees."""
+        """The parameters that the function looks up and a pattern frees, without those that are locked altogether."""
         looked_up = self.model.graph.parameters
-        return tuple(n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
+        named = (n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
+        return tuple(n for n in named if n not in self.parameters or not self.parameters[n].locked.all())
 
     @cached_property
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:

@@ -229,7 +229,7 @@ class _Assembling:
             if name not in tables.parameters:
                 continue
             parameter = tables.parameters[name]
-            has = len(parameter.index_axes)
+            has = parameter.coordinates
             if has != count:
                 what = f"{name} is given {_coordinates(count)}, but it is a {parameter.kind} with {has} axes"
                 self.findings.append(Finding(function.place(name), what, "Correct one of them."))

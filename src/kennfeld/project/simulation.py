@@ -38,7 +38,7 @@ def _replaced(problem: Problem, parameters: ParameterSet) -> ParameterSet:
     wrong = [
         Finding("parameters", f"{name} is {described(parameters[name])}; the function gives it {count} coordinates")
         for name, count in needed.items()
-        if name in parameters and len(parameters[name].index_axes) != count
+        if name in parameters and parameters[name].coordinates != count
     ]
     if wrong:
         raise InputError(wrong)

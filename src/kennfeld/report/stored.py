@@ -52,8 +52,8 @@ def _parameters(path: Path, problem: Problem) -> ParameterSet:
         own = problem.parameters[name]
         if name not in given:
             wrong.append(Finding(str(path), f"there is no parameter {name}, which the function looks up", AGAIN))
-        elif len(given[name].index_axes) != count:
-            has = len(given[name].index_axes)
+        elif given[name].coordinates != count:
+            has = given[name].coordinates
             wrong.append(Finding(str(path), f"{name} has {has} axes, but the function gives it {count}", AGAIN))
         elif given[name].values.shape != own.values.shape:
             spread = {"lower": own.lower.min(), "upper": own.upper.max(), "locked": own.locked.all()}

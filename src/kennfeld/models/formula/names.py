@@ -280,7 +280,8 @@ class Names:
         elif self.axes.setdefault(name, count) != count:
             first = self.axes[name]
             where = f" in {self._where(before)}" if before is not at else f" of {self.around.owner}"
-            what = f"{name} is {_TABLES.get(first, 'an expansion')} with {_coordinates(first)}{where} and has {count or 'none'} here"
+            table = _TABLES.get(first, "an expansion")
+            what = f"{name} is {table} with {_coordinates(first)}{where} and has {count or 'none'} here"
             self._report(owner, at, what, f"Write {_example(name, first)}.")
 
     def _check_outputs(self) -> None:
