@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.dataset import Channel, Dataset, Settling
     from kennfeld.errors import InputError, KennfeldError
+    from kennfeld.expansion import Expansion
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
     from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Step, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
+    from kennfeld.rbf import RBF
 
 __all__ = [
+    "RBF",
     "Axis",
     "Block",
     "Channel",
@@ -34,6 +37,7 @@ __all__ = [
     "Cube",
     "Curve",
     "Dataset",
+    "Expansion",
     "Graph",
     "InputError",
     "KennfeldError",
@@ -66,6 +70,7 @@ _ROOMS = {
     "calfiles": ("read_parameters",),
     "dataset": ("Channel", "Dataset", "Settling"),
     "errors": ("InputError", "KennfeldError"),
+    "expansion": ("Expansion",),
     "graph": ("Graph",),
     "measurement": ("read",),
     "models": ("Model",),
@@ -73,6 +78,7 @@ _ROOMS = {
     "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Step", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
+    "rbf": ("RBF",),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 _NAME_INSIDE = {"read_parameters": "read"}

@@ -241,21 +241,16 @@ class _Reader:
         if missing:
             return
         inputs, centres = (len(entry[k]) if isinstance(entry[k], list) else 0 for k in ("inputs", "weights"))
-        shapes = {
-            "offset": [],
-            "slopes": [inputs],
-            "weights": [centres],
-            **dict.fromkeys(_PARTS[3:], [centres, inputs]),
-        }
         parts = {}
-        for key, shape in shapes.items():
+        for key, shape in zip(_PARTS, ([], [inputs], [centres], [centres, inputs], [centres, inputs]), strict=True):
             numbers = list(self._numbers(entry[key], shape, f"{name}.{key}"))
             if len(numbers) < int(np.prod(shape)):
                 return
             parts[key] = np.array(numbers, dtype=np.float64).reshape(shape)
         attributes = {key: self._string(name, entry, key) for key in ("unit", "description")}
         try:
-            self.members.append(RBF(name, Expansion(**parts), list(map(str, entry["inputs"])), **attributes))
+            expansion = Expansion(float(parts.pop("offset")), *parts.values())
+            self.members.append(RBF(name, expansion, list(map(str, entry["inputs"])), **attributes))
         except ArgumentError as error:
             self._wrong(name, str(error))
 
