@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kennfeld.errors import ArgumentError
+from kennfeld.expansion import Expansion
+
+
+def random_expansion(seed, inputs=2, centres=5):
+    rng = np.random.default_rng(seed)
+    return Expansion(
+        rng.normal(),
+        rng.normal(size=inputs),
+        rng.normal(size=centres),
+        rng.normal(size=(centres, inputs)),
+        rng.uniform(0.5, 2.0, (centres, inputs)),
+    )
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6))
+def test_the_value_is_the_sum_that_the_docstring_writes(seed, inputs, centres):
+    model = random_expansion(seed, inputs, centres)
+    for x in np.random.default_rng(seed).normal(size=(3, inputs)):
+        bells = [np.exp(-0.5 * np.sum(((x - c) / w) ** 2)) for c, w in zip(model.centres, model.widths, strict=True)]
+        expected = model.offset + model.slopes @ x + np.dot(model.weights, bells)
+        assert model(x) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6))
+def test_the_gradient_agrees_with_differences(seed, inputs, centres):
+    model = random_expansion(seed, inputs, centres)
+    x = np.random.default_rng(seed).normal(size=(4, inputs))
+    for d in range(inputs):
+        step = 1e-6 * np.eye(inputs)[d]
+        difference = (model(x + step) - model(x - step)) / 2e-6
+        np.testing.assert_allclose(model.gradient(x)[..., d], difference, rtol=1e-6, atol=1e-7)
+
+
+def test_points_keep_their_shape():
+    model = random_expansion(0, inputs=3)
+    x = np.random.default_rng(1).normal(size=(4, 5, 3))
+    assert model(x).shape == (4, 5)
+    assert model.gradient(x).shape == (4, 5, 3)
+    assert model(x[0, 0]).shape == ()
+    assert model(np.empty((0, 3))).shape == (0,)
+
+
+def test_many_points_give_what_each_gives_alone(monkeypatch):
+    model = random_expansion(0)
+    x = np.random.default_rng(1).normal(size=(50, 2))
+    whole, slopes = model(x), model.gradient(x)
+    monkeypatch.setattr("kennfeld.expansion.BLOCK", 12)
+    np.testing.assert_allclose(model(x), whole, rtol=1e-14)
+    np.testing.assert_allclose(model.gradient(x), slopes, rtol=1e-13, atol=1e-15)
+
+
+def test_far_away_only_the_plane_is_left():
+    model = Expansion(1.0, [2.0], [3.0], [[0.0]], [[1e-300]])
+    assert model(np.array([1e300])) == 2e300
+    assert model.gradient(np.array([1e300])) == 2.0
+
+
+def test_a_missing_value_gives_a_missing_value():
+    assert np.isnan(random_expansion(0)(np.array([np.nan, 0.0])))
+
+
+def test_equal_numbers_make_equal_expansions():
+    first, second = random_expansion(3), random_expansion(3)
+    assert first == second
+    assert hash(first) == hash(second)
+    assert first != random_expansion(4)
+    assert first != "an expansion"
+
+
+def test_nobody_can_write_to_its_numbers():
+    weights = np.ones(1)
+    model = Expansion(0.0, [0.0], weights, [[0.0]], [[1.0]])
+    weights[0] = 5.0
+    assert model.weights[0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        model.weights[0] = 2.0
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ((np.nan, [0.0], [1.0], [[0.0]], [[1.0]]), "offset=nan"),
+        ((0.0, [], [], np.empty((0, 0)), np.empty((0, 0))), "slopes of an expansion must be one number an input"),
+        ((0.0, [0.0], [[1.0]], [[0.0]], [[1.0]]), "weights of an expansion must be one number a centre"),
+        ((0.0, [0.0], [np.inf], [[0.0]], [[1.0]]), r"weights\[0\]=inf"),
+        ((0.0, [0.0], [1.0], [0.0], [[1.0]]), r"centres of an expansion have shape \(1,\)"),
+        ((0.0, [0.0], [1.0], [[0.0]], [[1.0, 1.0]]), r"widths of an expansion have shape \(1, 2\)"),
+        ((0.0, [0.0], [1.0], [[0.0]], [[0.0]]), "must be above 0, the least is 0"),
+        ((0.0, [0.0], [1.0], [[0.0], [0.0, 1.0]], [[1.0]]), "centres of an expansion must be numbers"),
+    ],
+)
+def test_numbers_that_contradict_each_other_are_named(numbers, message):
+    with pytest.raises(ArgumentError, match=message):
+        Expansion(*numbers)
+
+
+def test_points_of_the_wrong_width_are_named():
+    with pytest.raises(ArgumentError, match=r"x of shape \(3,\) must end with the 2 inputs"):
+        random_expansion(0)(np.zeros(3))
