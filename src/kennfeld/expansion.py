@@ -49,9 +49,7 @@ class Expansion:
         for name in ("centres", "widths"):
             given = getattr(self, name).shape
             if given != shape:
-                raise ArgumentError(
-                    f"{name} of an expansion have shape {given}, weights and slopes ask for {shape}"
-                )
+                raise ArgumentError(f"{name} of an expansion have shape {given}, weights and slopes ask for {shape}")
         if not np.all(self.widths > 0):
             raise ArgumentError(f"widths of an expansion must be above 0, the least is {self.widths.min():g}")
 
