@@ -36,11 +36,11 @@ class _Solved:
 def _solve(kernel: Float, noise: float, y: Float, plane: Plane) -> _Solved:
     from scipy.linalg import lapack
 
-    root = np.linalg.cholesky(kernel + noise * np.eye(len(y)))
+    root: Float = np.asarray(np.linalg.cholesky(kernel + noise * np.eye(len(y))), dtype=np.float64)
     lower, _ = lapack.dpotri(root, lower=1)
     inverse = np.tril(lower) + np.tril(lower, -1).T
     coupled = inverse @ plane.basis
-    plane_root = np.linalg.cholesky(plane.basis.T @ coupled)
+    plane_root: Float = np.asarray(np.linalg.cholesky(plane.basis.T @ coupled), dtype=np.float64)
     half = np.linalg.solve(plane_root, coupled.T)
     inverse -= half.T @ half
     weights = inverse @ y
@@ -99,7 +99,8 @@ class Exact:
         explained = np.linalg.solve(self.solved.root, near.T)
         open_plane = np.linalg.solve(self.solved.plane_root, (self.plane.at(x) - near @ self.solved.coupled).T)
         share = 1 - np.sum(explained**2, axis=0) + np.sum(open_plane**2, axis=0)
-        return np.sqrt(self.variance * np.maximum(share, 0.0))
+        deviation: Float = np.sqrt(self.variance * np.maximum(share, 0.0))
+        return deviation
 
     def left_out(self) -> Float:
         """Residual at each point of the process without it."""

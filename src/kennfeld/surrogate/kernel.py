@@ -38,7 +38,7 @@ def factor(matrix: Float) -> Float:
         padded = matrix.copy()
         padded.flat[:: len(matrix) + 1] += jitter
         try:
-            return np.linalg.cholesky(padded)
+            return np.asarray(np.linalg.cholesky(padded), dtype=np.float64)
         except np.linalg.LinAlgError:
             if jitter >= MOST_JITTER:
                 raise

@@ -31,7 +31,7 @@ class Plane:
     @property
     def rank(self) -> int:
         """How many directions there are."""
-        return self.basis.shape[1]
+        return int(self.basis.shape[1])
 
     def without(self, values: Float) -> Float:
         """What of Float[points, ...] is no plane."""

@@ -52,7 +52,9 @@ def checked_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float
     """
     points, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if points.ndim != 2 or values.shape != points.shape[:1]:
-        raise ArgumentError(f"x of shape {points.shape} and y of shape {values.shape} must be [points, inputs], [points]")
+        raise ArgumentError(
+            f"x of shape {points.shape} and y of shape {values.shape} must be [points, inputs], [points]"
+        )
     count, inputs = points.shape
     named = list(names) or [f"input {d}" for d in range(inputs)]
     if not inputs or count < inputs + 3:
@@ -64,5 +66,7 @@ def checked_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float
     constant = np.flatnonzero(~(points.std(0) > 1e-14 * np.abs(points).max(0)))
     if constant.size:
         first = int(constant[0])
-        raise ArgumentError(f"{named[first]} is {points[0, first]:g} at every training sample; leave it out of the inputs")
+        raise ArgumentError(
+            f"{named[first]} is {points[0, first]:g} at every training sample; leave it out of the inputs"
+        )
     return points, values

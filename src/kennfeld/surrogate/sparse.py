@@ -146,7 +146,7 @@ class Sparse:
         sums = _sum(x, y, z, lengths, plane)
         if refine:
             noise = best_noise(sums, len(y), plane.rank, noise)
-        outer = np.linalg.cholesky(sums.whitened + noise * np.eye(len(z)))
+        outer: Float = np.asarray(np.linalg.cholesky(sums.whitened + noise * np.eye(len(z))), dtype=np.float64)
         weights = cho_solve((outer, True), sums.aimed)
         misfit = max((sums.square - float(sums.aimed @ weights)) / noise, 1e-300)
         level = sums.based - sums.crossed @ weights
@@ -165,7 +165,8 @@ class Sparse:
         """Standard deviation of plane and f at Float[points, inputs]."""
         near = self._whitened(x)
         share = 1 - np.sum(near**2, axis=0) + self.noise * self._open(near, self.plane.at(x))
-        return np.sqrt(self.variance * np.maximum(share, 0.0))
+        deviation: Float = np.sqrt(self.variance * np.maximum(share, 0.0))
+        return deviation
 
     def left_out(self) -> Float:
         """Residual at each point of the process without it, its lengths and inducing inputs held."""
