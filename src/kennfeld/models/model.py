@@ -6,6 +6,9 @@ from types import MappingProxyType
 from typing import Any
 
 from kennfeld.graph import Graph
+from kennfeld.parameters import ParameterSet
+from kennfeld.rbf import RBF
+from kennfeld.surrogate import Surrogate
 
 __all__ = ["Model"]
 
@@ -21,6 +24,7 @@ class Model:
     `step` is the model's own step in s, None where the data decide. `declared` are the parameters that the source
     declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
     or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
+    `surrogates` are the data-driven models that it calls.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -34,3 +38,9 @@ class Model:
     declared: Mapping[str, int] = field(default_factory=_nothing)
     source: str = ""
     places: Mapping[str, str] = field(default_factory=_nothing)
+    surrogates: tuple[Surrogate, ...] = ()
+
+    @property
+    def carried(self) -> ParameterSet:
+        """The expansions of its surrogates, each locked: they come with the model and are not calibrated."""
+        return ParameterSet(RBF(s.name, s.expansion, locked=True) for s in self.surrogates)

@@ -1,6 +1,7 @@
 """`calibrate` and `simulate` for those who write Python."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -127,7 +128,7 @@ def problem_of(
     """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
     if isinstance(free_axes, str):
         raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
-    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start), free_axes))
+    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start, model), free_axes))
     parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
     training, scored = _datasets(data, "training"), _datasets(test, "test")
@@ -160,7 +161,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     >>> simulate("y = 2 * x + k", {"x": [1.0, 2.0]}, {"k": 1.0})["y"].values
     array([3., 5.])
     """
-    values = _parameters(parameters)
+    values = _parameters(parameters, model)
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
     dataset = data if isinstance(data, Dataset) else Dataset.of("data", data)
     findings = missing(ready.graph, [dataset], values, channels or {})
@@ -182,13 +183,14 @@ def resolved(model: Model, parameters: ParameterSet) -> Model:
         return b.node(op, args, payload)
 
     made = rewrite(model.graph, resolve)
-    return Model(made, model.name, model.step, model.declared, model.source, model.places)
+    return replace(model, graph=made)
 
 
-def _parameters(given: Start) -> ParameterSet:
-    if isinstance(given, ParameterSet):
-        return given
-    return ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
+def _parameters(given: Start, model: Model | str) -> ParameterSet:
+    """The parameters as a set, with those that the model brings along."""
+    if not isinstance(given, ParameterSet):
+        given = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
+    return model.carried.merged(given) if isinstance(model, Model) else given
 
 
 def _told_apart(
@@ -251,8 +253,6 @@ def _is_shift(given: Any) -> bool:
 
 
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
-    from dataclasses import replace
-
     several = isinstance(given, Sequence) and not isinstance(given, Mapping)
     parts: Sequence[Data] = given if several else [given]  # type: ignore[assignment,list-item]
     return [

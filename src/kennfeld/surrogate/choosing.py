@@ -1,0 +1,119 @@
+"""How smooth a dynamic model is, and how firmly it is held: chosen by free runs on blocks that training leaves out."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.expansion import Expansion
+from kennfeld.surrogate.free_run import Settings, free_run_rmse, train_free_run
+from kennfeld.surrogate.lags import Lags
+from kennfeld.surrogate.one_step import one_step_expansion
+from kennfeld.surrogate.recursion import Run, Runs
+
+__all__ = ["Choice", "Fold", "choose", "folds"]
+
+LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
+HOLDS = (1000.0, 300.0, 100.0, 30.0)
+BLOCKS = 6
+SAMPLES = 4000  # used for choosing
+CENTRES = 60
+ITERATIONS = 8
+SHORTEST = 20  # samples of a block beyond the lags
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """One division of the recordings."""
+
+    training: Runs
+    held_out: Runs
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen, and the RMSE of free runs on the blocks left out, in units of the output."""
+
+    lengths: Float
+    settings: Settings
+    rmse: float
+
+
+def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES) -> list[Fold]:
+    """Divisions of the pieces that leave out one block each, with the inputs before it known.
+
+    Where there are more than `samples`, blocks are left aside evenly.
+    """
+    blocks = list(_blocks(pieces, lags, count, samples))
+    made = []
+    for left_out in range(len(blocks)):
+        training = [block for i, block in enumerate(blocks) if i != left_out]
+        if training:
+            made.append(Fold(Runs.of(_joined(pieces, training), lags), _alone(pieces, blocks[left_out], lags)))
+    return made
+
+
+def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
+    """(piece, first, end) of each block: at least `count`, evenly over the pieces, of equal length as far as possible."""
+    total = sum(len(piece) for piece in pieces)
+    length = max(min(total, samples) // count, lags.longest + SHORTEST)
+    cut = []
+    for i, piece in enumerate(pieces):
+        parts = max(round(len(piece) / length), 1)
+        edges = np.linspace(0, len(piece), parts + 1).astype(int)
+        cut += [(i, int(a), int(b)) for a, b in zip(edges, edges[1:], strict=False) if b - a > lags.longest + 5]
+    most = max(count, 2)
+    if total > samples and len(cut) > most:
+        cut = [cut[k] for k in np.unique(np.linspace(0, len(cut) - 1, most).round().astype(int))]
+    yield from cut
+
+
+def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]]) -> list[Run]:
+    """Neighbouring blocks as one run."""
+    joined: list[tuple[int, int, int]] = []
+    for i, first, end in blocks:
+        if joined and joined[-1][0] == i and joined[-1][2] == first:
+            joined[-1] = (i, joined[-1][1], end)
+        else:
+            joined.append((i, first, end))
+    return [pieces[i].part(first, end) for i, first, end in joined]
+
+
+def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:
+    i, first, end = block
+    begin = max(first - lags.longest + max(lags.output), 0)
+    return Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
+
+
+def choose(
+    divisions: Sequence[Fold],
+    lengths: Float,
+    centres: int,
+    settings: Settings,
+    report: Callable[[str], None] = lambda line: None,
+) -> Choice:
+    """The length scales and `hold` with the least RMSE over the blocks left out.
+
+    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
+    """
+    tried = []
+    for longest in LONGEST:
+        cut = np.minimum(lengths, longest)
+        starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
+        for hold in HOLDS:
+            trial = replace(settings, hold=hold, iterations=ITERATIONS, moves_centres=False)
+            rmse = _held_out(divisions, starts, trial)
+            report(f"length scales up to {longest:g} spreads, hold {hold:g}: {rmse:.4g} on the blocks left out")
+            tried.append(Choice(cut, replace(settings, hold=hold), rmse))
+    return min(tried, key=lambda choice: choice.rmse)
+
+
+def _held_out(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:
+    squares, count = 0.0, 0
+    for fold, start in zip(divisions, starts, strict=True):
+        trained = train_free_run(start, fold.training, settings)
+        size = int(fold.held_out.scored.sum())
+        squares += size * free_run_rmse(trained, fold.held_out, settings.limits) ** 2
+        count += size
+    return float(np.sqrt(squares / count))
