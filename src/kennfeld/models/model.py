@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kennfeld.graph import Graph
 from kennfeld.parameters import ParameterSet
 from kennfeld.rbf import RBF
-from kennfeld.surrogate import Surrogate
+
+if TYPE_CHECKING:  # most models call none
+    from kennfeld.surrogate import Surrogate
 
 __all__ = ["Model"]
 
@@ -38,7 +40,7 @@ class Model:
     declared: Mapping[str, int] = field(default_factory=_nothing)
     source: str = ""
     places: Mapping[str, str] = field(default_factory=_nothing)
-    surrogates: tuple[Surrogate, ...] = ()
+    surrogates: "tuple[Surrogate, ...]" = ()
 
     @property
     def carried(self) -> ParameterSet:

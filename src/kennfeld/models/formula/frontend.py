@@ -4,19 +4,21 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from kennfeld.errors import InputError
 from kennfeld.graph import Graph
 from kennfeld.models.formula.build import build
-from kennfeld.models.formula.functions import Loom
+from kennfeld.models.formula.functions import Function, Loom
 from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import Keys, parse, parse_expression
 from kennfeld.models.formula.source import Source, split
 from kennfeld.models.formula.states import merged
-from kennfeld.models.formula.surrogates import functions_of
 from kennfeld.models.formula.syntax import Declaration, Definition, Statement, Step, Token
 from kennfeld.models.model import Model
-from kennfeld.surrogate import Surrogate
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate import Surrogate
 
 __all__ = ["expression", "extend", "formula", "read"]
 
@@ -25,7 +27,7 @@ def formula(
     text: str,
     name: str = "formula",
     parameters: Collection[str] | None = None,
-    surrogates: Collection[Surrogate] = (),
+    surrogates: "Collection[Surrogate]" = (),
 ) -> Model:
     """The model that a formula text describes.
 
@@ -40,7 +42,7 @@ def formula(
     return _model(Source.of_text(name, text), name, "formula", parameters, surrogates)
 
 
-def read(path: str | Path, parameters: Collection[str] | None = None, surrogates: Collection[Surrogate] = ()) -> Model:
+def read(path: str | Path, parameters: Collection[str] | None = None, surrogates: "Collection[Surrogate]" = ()) -> Model:
     """The model in a `.kf` file (UTF-8); raises `InputError` like `formula`, and where the file is no text."""
     path = Path(path)
     if path.suffix.casefold() != ".kf":
@@ -65,10 +67,10 @@ def _decoded(content: bytes, path: Path) -> str:
 
 
 def _model(
-    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: Collection[Surrogate]
+    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: "Collection[Surrogate]"
 ) -> Model:
     statements = parse(source)
-    names = Names(statements, Surroundings(parameters=parameters, functions=functions_of(surrogates)), source)
+    names = Names(statements, Surroundings(parameters=parameters, functions=_called(surrogates)), source)
     step = _step(statements, source)
     loom = Loom()
     nodes = build(names, loom, {})
@@ -86,6 +88,14 @@ def _model(
         places=MappingProxyType(_places(names, source)),
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
     )
+
+
+def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, Function]:
+    if not surrogates:
+        return {}
+    from kennfeld.models.formula.surrogates import functions_of  # most texts call none
+
+    return functions_of(surrogates)
 
 
 def _step(statements: Collection[Statement], source: Source) -> float | None:
