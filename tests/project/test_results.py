@@ -29,6 +29,7 @@ class Line:
     """What results need of a project: formats, and a simulation of two datasets, one of them in time."""
 
     formats = (".dcm",)
+    surrogates = ()
 
     def simulate(self, parameters=None, shifts=None):
         steady = Dataset.of("bench", {"y": [1.0, 2.0], "Torque": [1.5, np.nan]}, units={"y": "Nm"})
@@ -210,6 +211,7 @@ def test_an_interrupt_while_writing_leaves_the_old_files(result, tmp_path, monke
 
     class Interrupted(Line):
         formats = (".dcm",)
+        surrogates = ()
 
     def stops(*_):
         raise KeyboardInterrupt

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld.graph import Graph
 from kennfeld.parameters import ParameterSet
-from kennfeld.rbf import RBF
 
 if TYPE_CHECKING:  # most models call none
     from kennfeld.surrogate import Surrogate
@@ -44,5 +43,9 @@ class Model:
 
     @property
     def carried(self) -> ParameterSet:
-        """The expansions of its surrogates, each locked: they come with the model and are not calibrated."""
-        return ParameterSet(RBF(s.name, s.expansion, locked=True) for s in self.surrogates)
+        """The parameters that come with it: the expansions of its surrogates."""
+        if not self.surrogates:
+            return ParameterSet()
+        from kennfeld.surrogate import expansions
+
+        return expansions(self.surrogates)

@@ -19,6 +19,7 @@ from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
 from kennfeld.optimize.limits.output_limits import check_limits
@@ -165,6 +166,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
     dataset = data if isinstance(data, Dataset) else Dataset.of("data", data)
     findings = missing(ready.graph, [dataset], values, channels or {})
+    findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
     if findings:
         raise InputError(findings)
     return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
@@ -272,6 +274,7 @@ def _output(model: Model, node: str | None) -> str:
 
 def _check(problem: Problem) -> None:
     findings = missing(problem.model.graph, problem.datasets, problem.parameters, problem.channels)
+    findings += step_findings(problem.model, problem.datasets, problem.model.step, lambda d: f"dataset {d.name}")
     for name in problem.channels:
         if name not in problem.model.graph.inputs:
             mend = nearest(name, problem.model.graph.inputs)

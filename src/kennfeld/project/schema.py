@@ -244,6 +244,7 @@ class ProjectFile:
     limits: tuple[LimitEntry, ...] = ()
     equalities: tuple[EqualityEntry, ...] = ()
     steps: tuple[StepEntry, ...] = ()
+    surrogates: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -46,6 +46,7 @@ def read_project(path: Path) -> ProjectFile:
         limits=tuple(limit_entry(section) for section in root.sections("limit")),
         equalities=tuple(equality_entry(section) for section in root.sections("equality")),
         steps=steps(root),
+        surrogates=root.text_table("surrogates"),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
     _end(root)
@@ -57,7 +58,7 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
-    more = ("limit", "equality", "optimizer", "step")
+    more = ("limit", "equality", "optimizer", "step", "surrogates")
     for key, value in root.values.items():
         if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"

@@ -1,5 +1,6 @@
 """Data-driven models: trained on recordings, stored as one readable file, used in a formula like any node."""
 
+from kennfeld.surrogate.expansions import expansions
 from kennfeld.surrogate.narx import DynamicSurrogate
 from kennfeld.surrogate.quality import Quality
 from kennfeld.surrogate.static import StaticSurrogate
@@ -12,6 +13,7 @@ __all__ = [
     "StaticSurrogate",
     "Surrogate",
     "Validity",
+    "expansions",
     "read_surrogate",
     "recognises_surrogate",
     "write_surrogate",

@@ -42,7 +42,9 @@ def formula(
     return _model(Source.of_text(name, text), name, "formula", parameters, surrogates)
 
 
-def read(path: str | Path, parameters: Collection[str] | None = None, surrogates: "Collection[Surrogate]" = ()) -> Model:
+def read(
+    path: str | Path, parameters: Collection[str] | None = None, surrogates: "Collection[Surrogate]" = ()
+) -> Model:
     """The model in a `.kf` file (UTF-8); raises `InputError` like `formula`, and where the file is no text."""
     path = Path(path)
     if path.suffix.casefold() != ".kf":
