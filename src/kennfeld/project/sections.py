@@ -22,7 +22,7 @@ from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import read_toml
 
-__all__ = ["read_project"]
+__all__ = ["read_datasets", "read_project"]
 
 _LATER_FORMATS = ("cdfx", "hex", "s19")
 
@@ -37,7 +37,7 @@ def read_project(path: Path) -> ProjectFile:
         model=_model(root),
         channels=root.text_table("channels"),
         calculated=root.text_table("calculated"),
-        datasets=_datasets(root),
+        datasets=read_datasets(root),
         calibration=_calibration(root),
         axes={name: group_axis(name, section) for name, section in root.named("axes").items()},
         parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
@@ -78,7 +78,9 @@ def _model(root: Section) -> ModelEntry:
     return ModelEntry(file, step)
 
 
-def _datasets(root: Section) -> tuple[DatasetEntry, ...]:
+def read_datasets(root: Section) -> tuple[DatasetEntry, ...]:
+    """The entries of `[[dataset]]`, of which there has to be one."""
+    """The entries of `[[dataset]]`; there has to be one."""
     sections = root.sections("dataset")
     if not sections and "dataset" not in root.values:
         root.report("[[dataset]]", "the section is missing", 'Write [[dataset]] and files = ["..."].')
