@@ -1,6 +1,6 @@
 """The end of a fit, from which its trust is computed when somebody asks for it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.output_limits import OutputLimits
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.solver.threads import blas_threads
+from kennfeld.optimize.trust.counting import touching_samples
 from kennfeld.optimize.trust.estimate import Estimate, estimate
 from kennfeld.optimize.trust.noise import Group, groups
 from kennfeld.optimize.trust.search import weak_directions
@@ -34,10 +36,16 @@ class Inspection:
     """
 
     def __init__(
-        self, problem: Problem, values: Float, informed: Mapping[str, Bool], compiled: Compiled, scorer: Scorer
+        self,
+        problem: Problem,
+        values: Float,
+        informed: Mapping[str, Bool],
+        compiled: Compiled,
+        scorer: Scorer,
+        outputs: Callable[[], OutputLimits | None] = lambda: None,
     ) -> None:
         self.problem, self.values, self.informed = problem, values, informed
-        self.compiled, self.scorer = compiled, scorer
+        self.compiled, self.scorer, self.outputs = compiled, scorer, outputs
 
     def __getstate__(self) -> dict[str, Any]:
         return {"trust": self.trust}
@@ -50,7 +58,7 @@ class Inspection:
                 found = self._trust()
             except np.linalg.LinAlgError:  # a result is never lost over what is said about it
                 found = Trust(informed=self.informed)
-        del self.compiled, self.scorer
+        del self.compiled, self.scorer, self.outputs
         return found
 
     def _trust(self) -> Trust:
@@ -59,11 +67,13 @@ class Inspection:
         full[: self.values.size] = self.values
         parameters = compiled.values.unpack(full, problem.parameters)
         fitted = [scorer.errors(bound, parameters) for bound in problem.training]
-        training = groups(problem.criteria, problem.training, fitted)
-        found = estimate(compiled, limits_of(problem, compiled.values), self.values, training)
+        training = groups(problem.criteria, problem.training, fitted, compiled.weighting)
+        outputs = self.outputs()
+        touched = None if outputs is None else outputs.touched(self.values, parameters)
+        found = estimate(compiled, limits_of(problem, compiled.values), self.values, training, touched)
         if found is None:
             return Trust(informed=self.informed)
-        touched = compiled.accumulator.touched(full)
+        samples = touching_samples(compiled, full)
         deviation = found.deviation(error=True)
         split = _Split(problem, compiled)
         known = np.zeros(self.values.size, dtype=bool)
@@ -74,20 +84,20 @@ class Inspection:
             persistence=_by_criterion(problem.criteria, _persistences(problem.criteria, training)),
             freedom=found.freedom,
             informed=self.informed,
-            samples=split(touched),
+            samples=split(samples),
             deviation=split(deviation),
             scatter=split(found.deviation(error=False)),
-            by_smoothness=split((touched == 0) & known & np.isfinite(deviation) & (deviation > 0)),
-            directions=self._directions(found, split, parameters, touched),
+            by_smoothness=split(~found.met & known & np.isfinite(deviation) & (deviation > 0)),
+            directions=self._directions(found, split, parameters, samples),
             estimate=found,
             columns={name: int(columns[0]) for name, columns in split.columns.items()},
         )
 
     def _directions(
-        self, found: Estimate, split: "_Split", parameters: ParameterSet, touched: Int
+        self, found: Estimate, split: "_Split", parameters: ParameterSet, samples: Int
     ) -> tuple[Direction, ...]:
         """Values that nothing informs, table by table; then the weak directions of the others."""
-        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(touched))
+        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(samples))
         held = split(found.reduction.held)
         open_values = {name: ~seen & ~held[name] for name, seen in self.informed.items()}
         idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
@@ -120,7 +130,7 @@ def _noises(criteria: Sequence[Criterion], training: Sequence[Group], variances:
     """The noise of each criterion in its target's unit, over all its groups."""
     found = []
     for i, criterion in enumerate(criteria):
-        own = [(g, v / g.slope**2) for g, v in zip(training, variances, strict=True) if g.criterion == i]
+        own = [(g, v / g.slope**2 / g.typical) for g, v in zip(training, variances, strict=True) if g.criterion == i]
         total = sum(group.count for group, _ in own)
         mean = sum(group.count * variance for group, variance in own) / total if total else float("nan")
         found.append(criterion.scale * float(np.sqrt(mean)))
