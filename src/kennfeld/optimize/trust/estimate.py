@@ -16,7 +16,7 @@ intervals for smoothing splines, J. Am. Statist. Assoc. 83, 1988). Without smoot
 comes from the residuals, with n - trace(H^-1 H_data) degrees of freedom.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -51,6 +51,7 @@ class Estimate:
     smoothness: Float  # curvature of the smoothness
     uneven: Float | None
     dispersion: float  # phi: variance per unit of cost
+    groups: tuple[Group, ...]
     variances: tuple[float, ...]  # of psi at weight 1, for each group
     gradient: Float  # half that of the cost
     met: Bool  # Bool[values]: all values that the data inform by themselves
@@ -165,13 +166,18 @@ class Estimate:
         return found
 
 
+Judge = Callable[[Float], list[Group]]  # the groups of residuals at some values
+
+
 def estimate(
-    compiled: Compiled, limits: Limits, values: Float, groups: Sequence[Group], touched: Touched | None = None
+    compiled: Compiled, limits: Limits, values: Float, judge: Judge, touched: Touched | None = None
 ) -> Estimate | None:
     """The estimate at the values where a fit ended; None where a derivative of the model is not finite there.
 
-    `touched` are the samples at which limits of outputs are met.
+    `touched` are the samples at which limits of outputs are met. What such a limit costs is no noise: where one
+    presses, the noise is that at the values which the data alone would have, a step beyond the limits.
     """
+    groups = judge(values)
     measured = _Measured(compiled, values, groups)
     if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
         return None
@@ -180,18 +186,30 @@ def estimate(
     if not np.isfinite(outputs).all():
         return None
     still = held(limits, values, measured.gradient, np.vstack([rows, outputs]))
-    found = _reduced(measured, groups, Reduction.of(still, rows))
+    found = _reduced(measured, Reduction.of(still, rows), groups)
     if touched is None or not found.seen.any():
         return found
+    beyond = limits.clip(values + found.expand(-found.spectrum.inverse @ found.gradient))
+    if compiled.accumulator.cost(measured.whole(beyond)) < compiled.accumulator.cost(measured.whole(values)):
+        found = _reduced(measured, found.reduction, _alike(judge(beyond), groups))
     moving = found.reduction.rows(outputs)[:, found.seen]
     pressed = pressing(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
-    if pressed.holds.any():
-        found = _reduced(measured, groups, Reduction.of(still, np.vstack([rows, pressed.rows])))
-    return replace(found, pressed=pressed)
+    if not pressed.rows.size:
+        return replace(_reduced(measured, found.reduction, groups), pressed=pressed)
+    tied = Reduction.of(still, np.vstack([rows, pressed.rows]))
+    return replace(_reduced(measured, tied, groups, found.variances), pressed=pressed)
 
 
-def _reduced(measured: "_Measured", groups: Sequence[Group], reduction: Reduction) -> Estimate:
-    """The estimate for the values that move independently."""
+def _alike(found: Sequence[Group], known: Sequence[Group]) -> Sequence[Group]:
+    """Groups at other values, where they are of the same samples as the known ones; else those."""
+    same = len(found) == len(known) and all(a.count == b.count for a, b in zip(found, known, strict=False))
+    return found if same else known
+
+
+def _reduced(
+    measured: "_Measured", reduction: Reduction, groups: Sequence[Group], known: Sequence[float] = ()
+) -> Estimate:
+    """The estimate for the values that move independently, with the noise of the groups, or a known one."""
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0
     part = np.ix_(seen, seen)
@@ -202,7 +220,7 @@ def _reduced(measured: "_Measured", groups: Sequence[Group], reduction: Reductio
         spectrum = Spectrum.of_rows(reduction.rows(measured.rows)[:, seen])
     each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts]
     used = [float(np.sum(spectrum.inverse * one)) for one in each]
-    found = variances(groups, used)
+    found = known or variances(groups, used)
     shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, found, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
     uneven = None
@@ -216,6 +234,7 @@ def _reduced(measured: "_Measured", groups: Sequence[Group], reduction: Reductio
         smoothness=smoothness,
         uneven=uneven,
         dispersion=dispersion,
+        groups=tuple(groups),
         variances=tuple(found),
         gradient=reduction.vector(measured.gradient)[seen],
         met=np.diag(measured.data) > 0,
@@ -227,8 +246,7 @@ class _Measured:
 
     def __init__(self, compiled: Compiled, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
-        self._full = compiled.start.copy()
-        self._full[: values.size] = values
+        self._full = self.whole(values)
         objective = SumOfSquares(compiled)
         self.gradient = objective.normal(values)[0].copy()
         self.smoothness = np.zeros((values.size, values.size))
@@ -241,6 +259,12 @@ class _Measured:
             self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
         else:
             self.data = accumulator.normal(self._full).matrix.copy()
+
+    def whole(self, values: Float) -> Float:
+        """The free values and behind them the fixed ones."""
+        found = self._compiled.start.copy()
+        found[: values.size] = values
+        return found
 
     def _bread(self) -> Accumulator:
         if all(group.slope == group.weight for group in self._groups):

@@ -66,14 +66,20 @@ class Inspection:
         full = compiled.start.copy()
         full[: self.values.size] = self.values
         parameters = compiled.values.unpack(full, problem.parameters)
-        fitted = [scorer.errors(bound, parameters) for bound in problem.training]
-        training = groups(problem.criteria, problem.training, fitted, compiled.weighting)
+
+        def judged(values: Float) -> list[Group]:
+            there = full.copy()
+            there[: values.size] = values
+            moved = compiled.values.unpack(there, problem.parameters)
+            errors = [scorer.errors(bound, moved) for bound in problem.training]
+            return groups(problem.criteria, problem.training, errors, compiled.weighting)
+
         outputs = self.outputs()
         touched = None if outputs is None else outputs.touched(self.values, parameters)
-        found = estimate(compiled, limits_of(problem, compiled.values), self.values, training, touched)
+        found = estimate(compiled, limits_of(problem, compiled.values), self.values, judged, touched)
         if found is None:
             return Trust(informed=self.informed)
-        samples = touching_samples(compiled, full)
+        training, samples = found.groups, touching_samples(compiled, full)
         deviation = found.deviation(error=True)
         split = _Split(problem, compiled)
         known = np.zeros(self.values.size, dtype=bool)

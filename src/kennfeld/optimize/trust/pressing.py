@@ -1,14 +1,13 @@
-"""Which limits of outputs hold the values at the end of a fit, as rows that the values then keep with equality.
+"""Which directions of the values limits of outputs hold at the end of a fit, as rows kept with equality.
 
 Near the end, keeping the limits A p <= b in a quadratic cost is a small problem in the multipliers l of the samples at
 which they are met: the least l'Gl / 2 - l'v over l >= 0, with G = A C A', C the inverse of the curvature, and v how far
 the best step without the limits would exceed them (J. Nocedal and S. Wright, Numerical Optimization, chapter 16; the
 search is that of C. Lawson and R. Hanson, Solving Least Squares Problems, 1974, chapter 23).
 
-Neighbouring samples have nearly equal rows, and which of them is met is a matter of noise. So of the samples with a
-multiplier only those count without which the cost would fall by more than its noise, l^2 / (G^-1)_ii > phi: that is
-the square of how many standard deviations the values would come to lie beyond the limit. What the others hold is held
-by their neighbours, or not held at all.
+Neighbouring samples have nearly equal rows, and which of them a limit is met at is a matter of noise. So the problem is
+solved again and again with the noise of other measurements. What hardly scatters then, of what would scatter evenly
+without the limits, is held, whichever samples do it; a limit that is met only now and then holds nothing.
 """
 
 from dataclasses import dataclass
@@ -21,48 +20,63 @@ from kennfeld.optimize.limits.output_limits import Touched
 __all__ = ["Pressed", "multipliers", "pressing"]
 
 NOTHING = 1e-12  # of the largest, what is rounding
-FIRM = 1.0  # square of the standard deviations by which a limit must be pressed
+ALIKE = 1e-9  # of the largest eigenvalue of G, below which rows tell nothing apart
+DRAWS = 200  # of the noise
+HELD = 0.25  # variance of a direction, of that without limits, below which it counts as held
 
 
 @dataclass(frozen=True)
 class Pressed:
-    """Samples at which limits of outputs are met, and which of them hold a direction of the values each."""
+    """Samples at which limits of outputs are met.
+
+    `presses` marks those that the cost presses against the limit. `rows` are mixtures of their slopes, one for each
+    direction of the values that is held, and `sides` the number of the side that holds it most.
+    """
 
     touched: Touched
-    holds: Bool  # Bool[samples]
-
-    @property
-    def rows(self) -> Float:
-        """The slopes of what is held, shape (held, values)."""
-        found: Float = self.touched.rows[self.holds]
-        return found
+    presses: Bool  # Bool[samples]
+    rows: Float  # Float[held, values]
+    sides: Int  # Int[held]
 
 
 def pressing(touched: Touched, rows: Float, inverse: Float, gradient: Float, dispersion: float) -> Pressed:
-    """Which of the samples hold values; rows, inverse of the curvature and half the gradient are over those that move.
+    """What the limits hold; rows, inverse of the curvature and half the gradient are over the values that move.
 
     `dispersion` is the noise of the cost, phi.
     """
     gram = rows @ inverse @ rows.T
     beyond = touched.excess - rows @ (inverse @ gradient)
-    found = np.flatnonzero(multipliers(gram, beyond) > 0)
-    holds = np.zeros(beyond.size, dtype=bool)
-    holds[_firm(gram, beyond, found, FIRM * np.nan_to_num(dispersion))] = True
-    return Pressed(touched, holds)
+    presses = multipliers(gram, beyond) > 0
+    none = np.zeros((0, presses.size))
+    mixtures = _held(gram, beyond, dispersion) if presses.any() and dispersion > 0 else none
+    sides = [_strongest(gram, touched.side, mixture) for mixture in mixtures]
+    return Pressed(touched, presses, mixtures @ touched.rows, np.array(sides, dtype=np.int64))
 
 
-def _firm(gram: Float, beyond: Float, kept: Int, least: float) -> Int:
-    """Of some rows those that are each needed, the least needed one taken out again and again."""
-    while kept.size:
-        inner = np.linalg.pinv(gram[np.ix_(kept, kept)], rcond=NOTHING, hermitian=True)
-        forces = inner @ beyond[kept]
-        own = np.maximum(np.diag(inner), 1e-300)
-        need = np.where(forces > 0, forces**2 / own, 0.0)
-        weakest = int(need.argmin())
-        if need[weakest] > least:
-            break
-        kept = np.delete(kept, weakest)
-    return kept
+def _held(gram: Float, beyond: Float, dispersion: float) -> Float:
+    """Mixtures of samples that hardly scatter where the limits are kept, of unit variance without; (held, samples)."""
+    sizes, vectors = np.linalg.eigh(gram)
+    apart = sizes > ALIKE * sizes[-1]
+    units = np.sqrt(dispersion * sizes[apart])
+    axes = vectors[:, apart]
+    noise = np.random.default_rng(0).standard_normal((DRAWS, units.size)) * units @ axes.T
+    ends = [drawn - gram @ multipliers(gram, drawn) for drawn in beyond + noise]
+    left = np.cov((np.array(ends) @ axes / units).T).reshape(units.size, units.size)
+    shares, mixed = np.linalg.eigh(left)
+    found: Float = mixed[:, shares < HELD].T @ (axes / units).T
+    return found
+
+
+def _strongest(gram: Float, sides: Int, mixture: Float) -> int:
+    """The side whose samples tell most of a mixture: the largest part of its variance that they explain."""
+    wanted = gram @ mixture
+
+    def told(side: int) -> float:
+        mine = sides == side
+        part = np.linalg.lstsq(gram[np.ix_(mine, mine)], wanted[mine], rcond=ALIKE)[0]
+        return float(part @ wanted[mine])
+
+    return max(np.unique(sides).tolist(), key=told)
 
 
 def multipliers(gram: Float, beyond: Float) -> Float:
