@@ -114,7 +114,8 @@ class Workspace:
         """
         length, columns = chunk.length, self.kernel.values.free
         counts = self.weight[:length] > 0
-        used = self._used(chunk, counts if not self.a.shape[1] else None) & counts.any(axis=1)[:, None]
+        scored: Bool = np.any(counts, axis=1)
+        used = self._used(chunk, counts if not self.a.shape[1] else None) & scored[:, None]
         met = np.sort(np.where(used, self.index[:length], columns), axis=1)
         met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
         return np.bincount(met.ravel(), minlength=columns + 1)[:columns]

@@ -126,8 +126,8 @@ def check_limits(problem: Problem) -> list[Finding]:
 class Touched:
     """Samples at which a side of a limit is met, or nearly, and how the limited node moves with the values there.
 
-    `side`, `data` and `sample` are numbers: of the side, of the training dataset, and of its sample. `excess` and `rows`
-    are relative to the scale of the side.
+    `side`, `data` and `sample` are numbers: of the side, of the training dataset, and of its sample. `excess` and
+    `rows` are relative to the scale of the side.
     """
 
     side: Int  # Int[samples]

@@ -54,7 +54,8 @@ class Estimate:
     groups: tuple[Group, ...]
     variances: tuple[float, ...]  # of psi at weight 1, for each group
     gradient: Float  # half that of the cost
-    met: Bool  # Bool[values]: all values that the data inform by themselves
+    own: Float  # Float[values]: curvature of the data along each of all values
+    informed: Bool  # Bool[values]: those of all values that data or smoothness inform
     pressed: Pressed | None = None  # where limits of outputs are met
 
     @cached_property
@@ -68,6 +69,12 @@ class Estimate:
     def scatter(self) -> Float:
         """Covariance of the values over repeated measurements."""
         found: Float = self.spectrum.inverse @ self._noisy @ self.spectrum.inverse
+        return found
+
+    @property
+    def met(self) -> Bool:
+        """Which of all values the data inform by themselves."""
+        found: Bool = self.own > 0
         return found
 
     @property
@@ -237,7 +244,8 @@ def _reduced(
         groups=tuple(groups),
         variances=tuple(found),
         gradient=reduction.vector(measured.gradient)[seen],
-        met=np.diag(measured.data) > 0,
+        own=np.diag(measured.data),
+        informed=np.diag(measured.data) + np.diag(measured.smoothness) > 0,
     )
 
 

@@ -1,14 +1,14 @@
 """How much the measurements scatter about the fitted model.
 
-A weight is read as a statement on how good a sample is: its variance is sigma^2 / w, and sigma^2 is the sum of w r^2 over
-its degrees of freedom. Whether that is so is not taken on trust. Samples of one criterion in datasets of one weight,
-and of about the same weight of their own, form a group, and each group has a sigma of its own. So the result is right
-where weights say how good data are, and where they merely say how much data matter. Criteria have a group each, so
-that neither their weights nor their scales say anything about their noise. A sample of weight 0 is no sample.
+A weight is read as a statement on how good a sample is: its variance is sigma^2 / w, and sigma^2 is the sum of
+w r^2 over its degrees of freedom. Whether that is so is not taken on trust. Samples of one criterion in datasets of one
+weight, and of about the same weight of their own, form a group, and each group has a sigma of its own. So the result is
+right where weights say how good data are, and where they merely say how much data matter. Each criterion has groups of
+its own, so that neither its weight nor its scale says anything about its noise. A sample of weight 0 is no sample.
 
-Under robust losses the moments of psi, half the slope of the loss, take the place of those of the residual (P. J. Huber:
-Robust Regression, Annals of Statistics 1, 1973): a value's variance is E[psi^2] / E[psi']^2 times that of a unit noise.
-The loss judges a residual before its weight, so each group has moments of its own as well.
+Under robust losses the moments of psi, half the slope of the loss, take the place of those of the residual (P. J.
+Huber: Robust Regression, Annals of Statistics 1, 1973): a value's variance is E[psi^2] / E[psi']^2 times that of a unit
+noise. The loss judges a residual before its weight, so each group has moments of its own as well.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

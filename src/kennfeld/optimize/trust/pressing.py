@@ -76,7 +76,7 @@ def _strongest(gram: Float, sides: Int, mixture: Float) -> int:
         part = np.linalg.lstsq(gram[np.ix_(mine, mine)], wanted[mine], rcond=ALIKE)[0]
         return float(part @ wanted[mine])
 
-    return max(np.unique(sides).tolist(), key=told)
+    return int(max(np.unique(sides).tolist(), key=told))
 
 
 def multipliers(gram: Float, beyond: Float) -> Float:
