@@ -198,19 +198,21 @@ def estimate(
         return found
     beyond = limits.clip(values + found.expand(-found.spectrum.inverse @ found.gradient))
     if compiled.accumulator.cost(measured.whole(beyond)) < compiled.accumulator.cost(measured.whole(values)):
-        found = _reduced(measured, found.reduction, _alike(judge(beyond), groups))
+        found = _reduced(measured, found.reduction, _noisy_as(groups, judge(beyond)))
     moving = found.reduction.rows(outputs)[:, found.seen]
     pressed = pressing(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
     if not pressed.rows.size:
         return replace(_reduced(measured, found.reduction, groups), pressed=pressed)
     tied = Reduction.of(still, np.vstack([rows, pressed.rows]))
-    return replace(_reduced(measured, tied, groups, found.variances), pressed=pressed)
+    return replace(_reduced(measured, tied, found.groups, found.variances), pressed=pressed)
 
 
-def _alike(found: Sequence[Group], known: Sequence[Group]) -> Sequence[Group]:
-    """Groups at other values, where they are of the same samples as the known ones; else those."""
-    same = len(found) == len(known) and all(a.count == b.count for a, b in zip(found, known, strict=False))
-    return found if same else known
+def _noisy_as(known: Sequence[Group], found: Sequence[Group]) -> Sequence[Group]:
+    """Groups with the noise of others, where these are of the same samples."""
+    if [group.count for group in known] != [group.count for group in found]:
+        return known
+    pairs = zip(known, found, strict=True)
+    return [replace(group, squares=other.squares, persistence=other.persistence) for group, other in pairs]
 
 
 def _reduced(

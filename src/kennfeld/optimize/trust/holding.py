@@ -15,7 +15,7 @@ from kennfeld.optimize.trust.pressing import Pressed
 
 __all__ = ["Holding", "distances", "outputs_held"]
 
-SLIGHT = 0.3  # of what is held most, that another parameter needs to be named
+SLIGHT = 0.1  # of what is held most, that another parameter needs to be named
 NAMED = 3  # parameters that a sentence names
 
 

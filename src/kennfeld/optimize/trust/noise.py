@@ -30,7 +30,7 @@ __all__ = ["Group", "groups", "persistence", "rescored", "variances"]
 
 LEAST = 1.0  # degrees of freedom from which a noise can be told
 ENOUGH = 10.0  # the same for one group of several: with fewer, its criterion speaks for it
-CLASSES = 4  # of samples by their own weight
+CLASSES = 8  # of samples by their own weight
 EVEN = 1.5  # ratio of the largest weight to the smallest up to which weights are about the same
 
 

@@ -89,13 +89,13 @@ class Describer:
         )
 
     def _idle_breakpoints(self, name: str, where: Bool) -> Direction:
-        """Breakpoints without data around them, or on a straight part of all their tables."""
+        """Breakpoints without data around them, or on a flat part of all their tables."""
         numbers = np.flatnonzero(where).tolist()
         which = [self._breakpoint(name, i) for i in numbers[:NAMED]] + (["..."] if len(numbers) > NAMED else [])
         one = len(numbers) == 1
         sentence = (
             f"No data tell where {_listed(which)} of {name} {'lies' if one else 'lie'}: "
-            f"the tables are straight there, or without data; {'it keeps its' if one else 'they keep their'} place."
+            f"the tables are flat there, or without data; {'it keeps its' if one else 'they keep their'} place."
         )
         return Direction(
             sentence,
