@@ -107,13 +107,11 @@ class Trust:
         """What `result.json` tells of it; numbers that are not finite, or where nothing is known, are None."""
         known = self.estimate is not None
         return {
-            "remark": self.remark,
             "noise": {name: _finite(value) for name, value in self.noise.items()},
             "persistence": {name: _finite(value) for name, value in self.persistence.items()},
             "freedom": _finite(self.freedom) if known else None,
             "undetermined": _counted(np.isinf(v) for v in self.deviation.values()) if known else None,
             "by_smoothness": _counted(self.by_smoothness.values()) if known else None,
-            "holdings": [vars(holding) | {"parameters": list(holding.parameters)} for holding in self.holdings],
             "directions": [
                 {
                     "sentence": direction.sentence,
@@ -124,6 +122,8 @@ class Trust:
                 }
                 for direction in self.directions
             ],
+            "holdings": [vars(holding) | {"parameters": list(holding.parameters)} for holding in self.holdings],
+            "remark": self.remark,
         }
 
     def _columns(self) -> dict[str, Int]:
