@@ -4,12 +4,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from repetitions import agree
 
 import kennfeld as kf
-from kennfeld.optimize import Criterion, Limit, Options, Problem
+from kennfeld.optimize import Criterion, Limit, Options, Problem, Stop
 from kennfeld.optimize.calibration import Run
 from kennfeld.optimize.result import Seconds
+from kennfeld.optimize.trust.pressing import multipliers
 
 GRID = np.linspace(0, 10, 11)
 U = np.random.default_rng(3).uniform(0, 10, 400)
@@ -151,3 +154,37 @@ def test_a_limit_over_a_constant_has_no_slope_to_hold_anything():
     trust = result_of(curve_problem(Limit("0 * w", upper=0.0))).trust
     assert all(holding.directions == 0 for holding in trust.holdings)
     assert np.all(trust.deviation["C"] > 0)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(1, 12))
+def test_multipliers_are_those_of_the_best_values_within_the_limits(seed, values, samples):
+    """Against the conditions of optimality: none is negative, and each belongs to a limit that is just met."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(samples, values)) * 10.0 ** rng.uniform(-2, 2, (samples, 1))
+    rows[rng.random(samples) < 0.3] = rows[0]
+    gram, beyond = rows @ rows.T, rows @ rng.normal(size=values)
+    beyond -= np.abs(beyond) * rng.random(samples) * (rng.random(samples) < 0.5)
+    found = multipliers(gram, beyond)
+    left = (beyond - gram @ found) / np.sqrt(np.diag(gram))
+    size = np.abs(beyond / np.sqrt(np.diag(gram))).max()
+    assert np.all(found >= 0)
+    assert np.all(left <= 1e-6 * size)
+    assert np.all(np.abs(left[found > 0]) <= 1e-6 * size)
+
+
+def test_each_side_is_told_what_it_holds():
+    trust = result_of(curve_problem(Limit("w", -2.5, 2.0))).trust
+    assert {holding.limit: holding.directions for holding in trust.holdings} == {"w <= 2": 4, "w >= -2.5": 1}
+
+
+def test_a_search_that_was_stopped_between_its_limits_has_a_trust():
+    def stop(line):
+        if line.stage == "limits 2":
+            raise Stop
+
+    run = Run(curve_problem(Limit("w", -2.5, 2.0)), Options(continuation="off"), stop, Seconds())
+    trust = run.result().trust
+    assert trust.remark.startswith("The search ended as stopped.")
+    assert np.all(trust.deviation["C"] >= 0)
+    assert len(trust.holdings) == 2

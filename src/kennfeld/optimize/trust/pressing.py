@@ -20,6 +20,7 @@ from kennfeld.optimize.limits.output_limits import Touched
 __all__ = ["Pressed", "multipliers", "pressing"]
 
 NOTHING = 1e-12  # of the largest, what is rounding
+RIDGE = 1e-10  # so that of two equal rows the one that asks for less gives way
 ALIKE = 1e-9  # of the largest eigenvalue of G, below which rows tell nothing apart
 DRAWS = 200  # of the noise
 HELD = 0.25  # variance of a direction, of that without limits, below which it counts as held
@@ -47,36 +48,50 @@ def pressing(touched: Touched, rows: Float, inverse: Float, gradient: Float, dis
     gram = rows @ inverse @ rows.T
     beyond = touched.excess - rows @ (inverse @ gradient)
     presses = multipliers(gram, beyond) > 0
-    none = np.zeros((0, presses.size))
-    mixtures = _held(gram, beyond, dispersion) if presses.any() and dispersion > 0 else none
-    sides = [_strongest(gram, touched.side, mixture) for mixture in mixtures]
-    return Pressed(touched, presses, mixtures @ touched.rows, np.array(sides, dtype=np.int64))
-
-
-def _held(gram: Float, beyond: Float, dispersion: float) -> Float:
-    """Mixtures of samples that hardly scatter where the limits are kept, of unit variance without; (held, samples)."""
+    if not (presses.any() and dispersion > 0):
+        return Pressed(touched, presses, np.zeros((0, touched.rows.shape[1])), np.zeros(0, dtype=np.int64))
     sizes, vectors = np.linalg.eigh(gram)
     apart = sizes > ALIKE * sizes[-1]
-    units = np.sqrt(dispersion * sizes[apart])
-    axes = vectors[:, apart]
+    axes, units = vectors[:, apart], np.sqrt(sizes[apart])
+    held, sides = _by_side(axes * units, touched.side, _held(gram, beyond, axes, np.sqrt(dispersion) * units))
+    return Pressed(touched, presses, (axes / units @ held).T @ touched.rows, sides)
+
+
+def _held(gram: Float, beyond: Float, axes: Float, units: Float) -> Float:
+    """Directions that hardly scatter where the limits are kept, as columns in terms of the axes.
+
+    `axes` are directions of the samples that scatter independently without the limits, by `units`.
+    """
     noise = np.random.default_rng(0).standard_normal((DRAWS, units.size)) * units @ axes.T
     ends = [drawn - gram @ multipliers(gram, drawn) for drawn in beyond + noise]
     left = np.cov((np.array(ends) @ axes / units).T).reshape(units.size, units.size)
     shares, mixed = np.linalg.eigh(left)
-    found: Float = mixed[:, shares < HELD].T @ (axes / units).T
+    found: Float = mixed[:, shares < HELD]
     return found
 
 
-def _strongest(gram: Float, sides: Int, mixture: Float) -> int:
-    """The side whose samples tell most of a mixture: the largest part of its variance that they explain."""
-    wanted = gram @ mixture
+def _by_side(samples: Float, sides: Int, held: Float) -> tuple[Float, Int]:
+    """Other columns that span the same directions, each of one side as far as that is possible; and these sides.
 
-    def told(side: int) -> float:
-        mine = sides == side
-        part = np.linalg.lstsq(gram[np.ix_(mine, mine)], wanted[mine], rcond=ALIKE)[0]
-        return float(part @ wanted[mine])
+    `samples` are the rows of the samples in the same terms.
+    """
+    left, found, numbers = held, [held[:, :0]], []
+    known = np.unique(sides).tolist()
+    while left.shape[1]:
+        turned = {side: np.linalg.svd(_span(samples[sides == side]).T @ left)[1:] for side in known}
+        side = max(known, key=lambda number: float(np.max(turned[number][0], initial=0.0)))
+        mixed = left @ turned[side][1].T
+        found.append(mixed[:, :1])
+        numbers.append(side)
+        left = mixed[:, 1:]
+    return np.hstack(found), np.array(numbers, dtype=np.int64)
 
-    return int(max(np.unique(sides).tolist(), key=told))
+
+def _span(rows: Float) -> Float:
+    """An orthonormal basis of some rows, as columns."""
+    _, sizes, turned = np.linalg.svd(rows, full_matrices=False)
+    found: Float = turned[sizes > ALIKE**0.5 * sizes[:1]].T
+    return found
 
 
 def multipliers(gram: Float, beyond: Float) -> Float:
@@ -114,8 +129,8 @@ def _within(gram: Float, wanted: Float, at: Float, inside: Bool) -> Float:
     """The best point of those inside, from `at`; what turns negative on the way leaves, in place."""
     while inside.any():
         aim = np.zeros(at.size)
-        block = gram[np.ix_(inside, inside)]
-        aim[inside] = np.linalg.lstsq(block, wanted[inside], rcond=NOTHING)[0]
+        block = gram[np.ix_(inside, inside)] + RIDGE * np.eye(int(inside.sum()))
+        aim[inside] = np.linalg.solve(block, wanted[inside])
         low = inside & (aim <= 0)
         if not low.any():
             return aim
