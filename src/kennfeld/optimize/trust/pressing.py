@@ -97,7 +97,7 @@ def _span(rows: Float) -> Float:
 def multipliers(gram: Float, beyond: Float) -> Float:
     """The l >= 0 of least l'Gl / 2 - l'v; few of them are not 0.
 
-    >>> multipliers(np.eye(2), np.array([3.0, -1.0])).tolist()
+    >>> multipliers(np.eye(2), np.array([3.0, -1.0])).round(6).tolist()
     [3.0, 0.0]
     """
     units = np.sqrt(np.maximum(np.diag(gram), 0.0))
