@@ -28,6 +28,7 @@ from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.output_limits import Touched
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
 from kennfeld.optimize.trust.noise import Group, rescored, variances
 from kennfeld.optimize.trust.pressing import Pressed, pressing
 from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
@@ -173,6 +174,7 @@ class Estimate:
         return found
 
 
+ALONE = Settings(max_iterations=20, tolerance=1e-4)  # of the descent to where the data alone would have the values
 Judge = Callable[[Float], list[Group]]  # the groups of residuals at some values
 
 
@@ -182,7 +184,7 @@ def estimate(
     """The estimate at the values where a fit ended; None where a derivative of the model is not finite there.
 
     `touched` are the samples at which limits of outputs are met. What such a limit costs is no noise: where one
-    presses, the noise is that at the values which the data alone would have, a step beyond the limits.
+    presses, the noise is that at the values which the data alone would have, at the end of a short descent without it.
     """
     groups = judge(values)
     measured = _Measured(compiled, values, groups)
@@ -196,9 +198,8 @@ def estimate(
     found = _reduced(measured, Reduction.of(still, rows), groups)
     if touched is None or not found.seen.any():
         return found
-    beyond = limits.clip(values + found.expand(-found.spectrum.inverse @ found.gradient))
-    if compiled.accumulator.cost(measured.whole(beyond)) < compiled.accumulator.cost(measured.whole(values)):
-        found = _reduced(measured, found.reduction, _noisy_as(groups, judge(beyond)))
+    beyond = gauss_newton(SumOfSquares(compiled), values, limits, ALONE).values
+    found = _reduced(measured, found.reduction, _noisy_as(groups, judge(beyond)))
     moving = found.reduction.rows(outputs)[:, found.seen]
     pressed = pressing(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
     if not pressed.rows.size:
