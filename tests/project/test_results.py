@@ -106,7 +106,10 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
     assert [row["informed"] for row in rows[:6]] == ["1"] * 4 + ["0"] * 2
     assert rows[0]["unit"] == "Nm"
     told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]
-    assert list(told) == ["noise", "persistence", "freedom", "undetermined", "by_smoothness", "directions"]
+    assert list(told) == [
+        *("noise", "persistence", "freedom", "undetermined", "by_smoothness"),
+        *("directions", "holdings", "remark"),
+    ]
     assert told["undetermined"] == 2
     assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "ratio", "parameters"]
     assert told["directions"][0]["parameters"] == ["M"]
