@@ -76,7 +76,9 @@ def test_training_recovers_a_model_from_its_own_free_run(moves_centres):
         y = np.concatenate([run.y[:3], by_hand(truth, LAGS, run)])
         made.append(Run(run.u, y))
     runs = Runs.of(made, LAGS)
-    start = type(truth)(truth.offset, truth.slopes, truth.weights + 0.05 * rng.normal(size=6), truth.centres, truth.widths)
+    start = type(truth)(
+        truth.offset, truth.slopes, truth.weights + 0.05 * rng.normal(size=6), truth.centres, truth.widths
+    )
     before = free_run_rmse(start, runs)
     settings = Settings(hold=1e-9, moves_centres=moves_centres, iterations=25, tolerance=1e-12)
     told = []
