@@ -5,8 +5,8 @@ from surrogates import tank_recording
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, SurrogateSettings, train_surrogate
-from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.free_run import Settings
+from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.recordings import runs_of
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,9 +20,10 @@ LONGEST = (5.0, 3.0, 8.0)  # length scales are cut at so many spreads
 HOLDS = 10**0.5  # factor from one `hold` to the next
 FIRST, POWERS = 4, (-4, 8)
 BLOCKS = 6
-SAMPLES = 4000  # used for choosing
+FEW = 3  # of them are left out in turn where there are more samples than are used
+SAMPLES = 3000  # used for choosing
 CENTRES = 60
-ITERATIONS = 8
+ITERATIONS = 6
 HORIZON = 500  # samples that training runs freely while something is being chosen
 SHORTEST = 20  # samples of a block beyond the lags
 
@@ -49,8 +51,11 @@ def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int =
     Where there are more than `samples`, blocks are left aside evenly.
     """
     blocks = list(_blocks(pieces, lags, count, samples))
+    every = range(len(blocks))
+    if sum(len(piece) for piece in pieces) > samples:
+        every = range(0, len(blocks), max(len(blocks) // FEW, 1))
     made = []
-    for left_out in range(len(blocks)):
+    for left_out in every:
         training = [block for i, block in enumerate(blocks) if i != left_out]
         if training:
             made.append(Fold(Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags)))
@@ -58,14 +63,14 @@ def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int =
 
 
 def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
-    """(piece, first, end) of each block: at least `count`, evenly over the pieces, of equal length as far as possible."""
+    """(piece, first, end) of each block: at least `count`, evenly over the pieces, about equally long."""
     total = sum(len(piece) for piece in pieces)
     length = max(min(total, samples) // count, lags.longest + SHORTEST)
     cut = []
     for i, piece in enumerate(pieces):
         parts = max(round(len(piece) / length), 1)
-        edges = np.linspace(0, len(piece), parts + 1).astype(int)
-        cut += [(i, int(a), int(b)) for a, b in zip(edges, edges[1:], strict=False) if b - a > lags.longest + 5]
+        edges = np.linspace(0, len(piece), parts + 1).astype(int).tolist()
+        cut += [(i, a, b) for a, b in pairwise(edges) if b - a > lags.longest + 5]
     most = max(count, 2)
     if total > samples and len(cut) > most:
         cut = [cut[k] for k in np.unique(np.linspace(0, len(cut) - 1, most).round().astype(int))]
@@ -84,10 +89,10 @@ def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags:
 
 
 def _short(first: int, end: int, lags: Lags) -> Iterator[tuple[int, int]]:
-    """A stretch cut into shorter ones, which run side by side and so in less time; they share the lags at their ends."""
+    """A stretch cut into shorter ones, which run side by side, so in less time; they share the lags at their ends."""
     parts = max(round((end - first) / max(HORIZON, 5 * lags.longest)), 1)
     edges = np.linspace(first, end, parts + 1).astype(int).tolist()
-    yield from ((max(a - lags.longest, first), b) for a, b in zip(edges, edges[1:], strict=False))
+    yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
 
 
 def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:

@@ -27,7 +27,8 @@ def expand_data(x: Float, y: Float, centres: int = 20, *, placing: Placing = "k-
 
     Centres by k-means, or greedily by the variance that those before leave open; widths by the distance to the nearest
     other centres; weights over a plane by ridge regression. How far the widths reach and how strong the ridge is says
-    generalised cross-validation (G. H. Golub, M. Heath, G. Wahba, 1979). Raises `ArgumentError` where the points cannot be used.
+    generalised cross-validation (G. H. Golub, M. Heath, G. Wahba, 1979). Raises `ArgumentError` where the points
+    cannot be used.
     """
     points, values = checked_points(x, y)
     if not 1 <= centres <= len(points):
@@ -79,7 +80,8 @@ class _Fit:
 
     def __init__(self, x: Float, y: Float, centres: Float, widths: Float) -> None:
         self.x, self.y, self.centres, self.widths = x, y, centres, widths
-        self.near = np.exp(-0.5 * sum(((x[:, d, None] - centres[:, d]) / widths[:, d]) ** 2 for d in range(x.shape[1])))
+        distance = (x[:, None, :] - centres) / widths
+        self.near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         self.plane = np.column_stack([np.ones(len(x)), x])
         basis = np.linalg.qr(self.plane)[0]
         u, self.s, self.v = np.linalg.svd(self.near - basis @ (basis.T @ self.near), full_matrices=False)
@@ -95,5 +97,5 @@ class _Fit:
 
     def expansion(self, scaling: Scaling) -> Expansion:
         weights = self.v.T @ (self.s / (self.s**2 + self.ridge) * self.aimed)
-        flat = np.linalg.lstsq(self.plane, self.y - self.near @ weights, rcond=None)[0]
+        flat: Float = np.asarray(np.linalg.lstsq(self.plane, self.y - self.near @ weights, rcond=None)[0], np.float64)
         return scaling.expansion(float(flat[0]), flat[1:], weights, self.centres, self.widths)
