@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,12 +16,15 @@ from kennfeld.surrogate.recursion import Run, Runs
 
 __all__ = ["Choice", "Fold", "choose", "folds"]
 
-LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
-HOLDS = (1000.0, 300.0, 100.0, 30.0)
+LONGEST = (5.0, 3.0, 8.0)  # length scales are cut at so many spreads
+HOLDS = 10**0.5  # factor from one `hold` to the next
+FIRST, POWERS = 4, (-4, 8)
 BLOCKS = 6
-SAMPLES = 4000  # used for choosing
+FEW = 3  # of them are left out in turn where there are more samples than are used
+SAMPLES = 3000  # used for choosing
 CENTRES = 60
-ITERATIONS = 8
+ITERATIONS = 6
+HORIZON = 500  # samples that training runs freely while something is being chosen
 SHORTEST = 20  # samples of a block beyond the lags
 
 
@@ -46,38 +51,48 @@ def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int =
     Where there are more than `samples`, blocks are left aside evenly.
     """
     blocks = list(_blocks(pieces, lags, count, samples))
+    every = range(len(blocks))
+    if sum(len(piece) for piece in pieces) > samples:
+        every = range(0, len(blocks), max(len(blocks) // FEW, 1))
     made = []
-    for left_out in range(len(blocks)):
+    for left_out in every:
         training = [block for i, block in enumerate(blocks) if i != left_out]
         if training:
-            made.append(Fold(Runs.of(_joined(pieces, training), lags), _alone(pieces, blocks[left_out], lags)))
+            made.append(Fold(Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags)))
     return made
 
 
 def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
-    """(piece, first, end) of each block: at least `count`, evenly over the pieces, of equal length as far as possible."""
+    """(piece, first, end) of each block: at least `count`, evenly over the pieces, about equally long."""
     total = sum(len(piece) for piece in pieces)
     length = max(min(total, samples) // count, lags.longest + SHORTEST)
     cut = []
     for i, piece in enumerate(pieces):
         parts = max(round(len(piece) / length), 1)
-        edges = np.linspace(0, len(piece), parts + 1).astype(int)
-        cut += [(i, int(a), int(b)) for a, b in zip(edges, edges[1:], strict=False) if b - a > lags.longest + 5]
+        edges = np.linspace(0, len(piece), parts + 1).astype(int).tolist()
+        cut += [(i, a, b) for a, b in pairwise(edges) if b - a > lags.longest + 5]
     most = max(count, 2)
     if total > samples and len(cut) > most:
         cut = [cut[k] for k in np.unique(np.linspace(0, len(cut) - 1, most).round().astype(int))]
     yield from cut
 
 
-def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]]) -> list[Run]:
-    """Neighbouring blocks as one run."""
+def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Run]:
+    """Neighbouring blocks joined, then cut into runs of about `HORIZON` samples."""
     joined: list[tuple[int, int, int]] = []
     for i, first, end in blocks:
         if joined and joined[-1][0] == i and joined[-1][2] == first:
             joined[-1] = (i, joined[-1][1], end)
         else:
             joined.append((i, first, end))
-    return [pieces[i].part(first, end) for i, first, end in joined]
+    return [pieces[i].part(*span) for i, first, end in joined for span in _short(first, end, lags)]
+
+
+def _short(first: int, end: int, lags: Lags) -> Iterator[tuple[int, int]]:
+    """A stretch cut into shorter ones, which run side by side, so in less time; they share the lags at their ends."""
+    parts = max(round((end - first) / max(HORIZON, 5 * lags.longest)), 1)
+    edges = np.linspace(first, end, parts + 1).astype(int).tolist()
+    yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
 
 
 def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:
@@ -97,16 +112,36 @@ def choose(
 
     `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
     """
-    tried = []
+    best: Choice | None = None
     for longest in LONGEST:
         cut = np.minimum(lengths, longest)
         starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
-        for hold in HOLDS:
-            trial = replace(settings, hold=hold, iterations=ITERATIONS, moves_centres=False)
+
+        @cache
+        def tried(
+            power: int, cut: Float = cut, starts: Sequence[Expansion] = starts, longest: float = longest
+        ) -> Choice:
+            trial = replace(settings, hold=HOLDS**power, iterations=ITERATIONS, moves_centres=False)
             rmse = _held_out(divisions, starts, trial)
-            report(f"length scales up to {longest:g} spreads, hold {hold:g}: {rmse:.4g} on the blocks left out")
-            tried.append(Choice(cut, replace(settings, hold=hold), rmse))
-    return min(tried, key=lambda choice: choice.rmse)
+            report(f"length scales up to {longest:g} spreads, hold {trial.hold:g}: {rmse:.4g} on the blocks left out")
+            return Choice(cut, replace(settings, hold=trial.hold), rmse)
+
+        power = FIRST if best is None else round(np.log(best.settings.hold) / np.log(HOLDS))
+        found = tried(_downhill(lambda at: tried(at).rmse, power, *POWERS))
+        best = found if best is None or found.rmse < best.rmse else best
+    assert best is not None
+    return best
+
+
+def _downhill(value: Callable[[int], float], at: int, least: int, most: int) -> int:
+    """The whole number, reached by single steps from `at`, whose neighbours are no better."""
+    for way in (-1, 1):
+        moved = False
+        while least <= at + way <= most and value(at + way) < value(at):
+            at, moved = at + way, True
+        if moved:
+            break
+    return at
 
 
 def _held_out(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:

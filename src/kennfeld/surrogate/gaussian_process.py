@@ -1,4 +1,4 @@
-"""Static Gaussian process regression: squared-exponential kernel, a length scale an input, linear mean, noise estimated.
+"""Static Gaussian processes: squared-exponential kernel with a length scale an input, linear mean, noise estimated.
 
 scikit-learn's `GaussianProcessRegressor` was measured before this was written (one thread, 5 inputs): 500 points 1.3 s,
 13.5 s with four more starts; 2000 points 44 s; its mean is constant, it has no sparse approximation and does not leave

@@ -15,9 +15,9 @@ __all__ = ["LENGTHS", "exact_hyperparameters", "sparse_hyperparameters"]
 LENGTHS = (2e-2, 1e3)  # in units of an input's spread; at the upper end it is without effect beyond the plane
 NOISE = (1e-8, 1e3)  # share of the variance of f
 FIRST_NOISE = 1e-2
-SCREENED = 400  # points that the starts are tried on
-SEARCHED = 3000  # points of the sparse search
-SEARCHED_CENTRES = 150
+SCREENED = 300  # points that the starts are tried on
+SEARCHED = 2000  # points of the sparse search
+SEARCHED_CENTRES = 120
 ROUNDS = 2  # inducing inputs are chosen anew at the lengths just found
 
 Likelihood = Callable[[Float], tuple[float, Float]]
@@ -35,7 +35,7 @@ def exact_hyperparameters(x: Float, y: Float, starts: int, seed: int, iterations
 
 
 def sparse_hyperparameters(
-    x: Float, y: Float, centres: int, starts: int, seed: int, iterations: int = 60
+    x: Float, y: Float, centres: int, starts: int, seed: int, iterations: int = 30
 ) -> tuple[Float, float]:
     """Length scales Float[inputs] and eta of the sparse process: the exact one of a few points, led on by the bound."""
     rng = np.random.default_rng(seed)

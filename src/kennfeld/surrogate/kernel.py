@@ -11,7 +11,7 @@ MOST_JITTER = 1e-2
 
 
 def bells(x: Float, z: Float, lengths: Float) -> Float:
-    """exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2): Float[points, inputs], Float[centres, inputs] -> [points, centres]."""
+    """exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) between points and centres: Float[points, centres]."""
     a, b = x / lengths, z / lengths
     exponent = a @ b.T
     exponent -= 0.5 * np.einsum("id,id->i", a, a)[:, None]

@@ -1,7 +1,8 @@
 """Lags chosen one after another: each time the one that most lowers the RMSE of free runs on blocks left out.
 
 Small models are trained for free run for each candidate (few centres, few steps); what is chosen is trained in full
-afterwards. Candidates are the present sample and lags that grow by a third or so, because neighbours say nearly the same.
+afterwards. Candidates are the present sample and lags that grow by a third or so, because neighbours
+say nearly the same; a lag that was chosen may then move by a sample.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,10 +30,10 @@ MOST_OUTPUT = 4  # longest lag of the output among the candidates
 
 
 def candidates(longest: int) -> tuple[int, ...]:
-    """0, 1, 2, 3, 4, 6, 8, 11, ... up to `longest`.
+    """0, 1, 2, 3, 4, 5, 7, 10, ... up to `longest`.
 
     >>> candidates(20)
-    (0, 1, 2, 3, 4, 6, 8, 11, 15, 20)
+    (0, 1, 2, 3, 4, 5, 7, 10, 13, 18)
     """
     made, lag = {0}, 1.0
     while round(lag) <= longest:
@@ -67,7 +68,7 @@ def select_lags(
     first = [(1,)] * inputs if input_lags is None else list(input_lags)
     best = Lags(output_lags or (1,), tuple(first))
     for _ in range(MOST):
-        more = list(_more(best, reach, output_lags is None, input_lags is None))
+        more = sorted(_more(best, reach, output_lags is None, input_lags is None), key=repr)
         found = min(more, key=score, default=best)
         if found is best or not score(found) <= WORTH * score(best):
             break
@@ -76,20 +77,27 @@ def select_lags(
     return best
 
 
-def _more(lags: Lags, reach: int, outputs: bool, inputs: bool) -> list[Lags]:
-    """The same with one lag more, or with one moved to or away from the present sample."""
-    made = []
+def _more(lags: Lags, reach: int, outputs: bool, inputs: bool) -> set[Lags]:
+    """The same with one lag more, or with one lag moved; what is given is kept."""
+    made = set()
     if outputs:
-        made = [Lags((*lags.output, lag), lags.inputs) for lag in range(1, MOST_OUTPUT + 1) if lag not in lags.output]
+        made |= {Lags(chosen, lags.inputs) for chosen in _changed(lags.output, range(1, MOST_OUTPUT + 1))}
     if inputs:
-        for j, chosen in enumerate(lags.inputs):
-            before, after = lags.inputs[:j], lags.inputs[j + 1 :]
-            for lag in candidates(reach):
-                if lag not in chosen:
-                    made.append(Lags(lags.output, (*before, (*chosen, lag), *after)))
-                    if len(chosen) == 1:
-                        made.append(Lags(lags.output, (*before, (lag,), *after)))
+        for j, before in enumerate(lags.inputs):
+            for chosen in _changed(before, candidates(reach)):
+                made.add(Lags(lags.output, (*lags.inputs[:j], chosen, *lags.inputs[j + 1 :])))
     return made
+
+
+def _changed(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]]:
+    """One lag more; a lag one sample earlier or later; a single lag replaced."""
+    more = {(*lags, lag) for lag in among if lag not in lags}
+    if len(lags) == 1:
+        more |= {(lag,) for lag in among if lag not in lags}
+    for at, lag in enumerate(lags):
+        beside = {lag - 1, lag + 1} - set(lags)
+        more |= {(*lags[:at], near, *lags[at + 1 :]) for near in beside if min(among) <= near <= max(among)}
+    return more
 
 
 def _score(pieces: Sequence[Run], lags: Lags, settings: Settings) -> float:

@@ -13,7 +13,7 @@ __all__ = ["Lags"]
 
 @dataclass(frozen=True)
 class Lags:
-    """The lags, in samples, at which a model looks at its output (1 or more) and at each input (0 is the present sample).
+    """The lags, in samples, at which a model looks at its output (1 or more) and at each input (0 is the present).
 
     A point of the model's expansion is [the output at each lag, then each input at each of its lags].
 

@@ -19,7 +19,7 @@ __all__ = ["DynamicSurrogate"]
 
 @dataclass(frozen=True, eq=False)
 class DynamicSurrogate:
-    """y_k = min(max(f(x_k), lower), upper), x_k = [y_{k-l} for l of output_lags, u_{j,k-l} for each input j, l of lags_j].
+    """y_k = min(max(f(x_k), lower), upper), x_k = [y_{k-l} for l of output_lags, u_{j,k-l} for each j and l of lags_j].
 
     `step` is in s. `start` is the output before the first sample, where none is measured; before the recording the
     inputs are what they are at its first sample, or `start_inputs` where a closed loop has none yet. `limits` hold the output, and with it what is fed back: a saturation
@@ -52,7 +52,7 @@ class DynamicSurrogate:
         looks = Lags(self.output_lags, self.lags)
         if looks.size != self.expansion.inputs:
             raise ArgumentError(
-                f"the lags of surrogate {self.name} give {looks.size} numbers, its expansion has {self.expansion.inputs}"
+                f"lags of surrogate {self.name} give {looks.size} numbers, its expansion has {self.expansion.inputs}"
             )
         if (looks.output, looks.inputs) != (tuple(self.output_lags), tuple(map(tuple, self.lags))):
             raise ArgumentError(f"the lags of surrogate {self.name} must rise, each once")

@@ -76,8 +76,7 @@ def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -
             scored = dataset.scored[piece][nearest_sample]
         table = np.column_stack(columns)
         complete: Bool = np.asarray(np.isfinite(table).all(axis=1))
-        for part in _complete(complete):
-            made.append(Run(table[part, :-1], table[part, -1], scored[part]))
+        made += [Run(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
     return made
 
 

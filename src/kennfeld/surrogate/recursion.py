@@ -53,9 +53,9 @@ class Runs:
 
     @classmethod
     def of(cls, pieces: Sequence[Run], lags: Lags, first: int | None = None) -> "Runs":
-        """The pieces from sample `first` on, by default the longest lag, so that all that a step looks back at is known.
+        """The pieces from sample `first` on, by default the longest lag, so that all it looks back at is known.
 
-        An earlier `first`, at least the longest output lag, holds the inputs at their first sample before the recording.
+        An earlier `first`, at least the longest output lag, holds the inputs at their first sample before that.
         Raises `ArgumentError` where no piece is long enough.
         """
         back = max(lags.output)

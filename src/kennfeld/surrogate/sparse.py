@@ -1,8 +1,8 @@
 """The sparse Gaussian process: thousands of points summed up by a few hundred inducing inputs.
 
 M. K. Titsias: Variational Learning of Inducing Variables in Sparse Gaussian Processes, 2009: its collapsed bound, with
-s^2 worked out in closed form and the plane projected out of the output and of the kernel columns C (a vague prior of the
-plane leaves the noise as it is across it):
+s^2 worked out in closed form and the plane projected out of the output and of the kernel columns C (a vague prior of
+the plane leaves the noise as it is across it):
 
     M = eta Kzz + C~'C~,  w = M^-1 C~'y~,  q = y~'(y~ - C~w) / eta,  s^2 = q / (n - rank)
     -2 F = (n - rank) log s^2 + log|M| - log|Kzz| + (n - rank - m) log eta + (n - tr(Kzz^-1 C'C)) / eta

@@ -19,8 +19,8 @@ HOLD = (5, 100)  # samples that a random input is held at least and at most
 class Stability:
     """What was checked.
 
-    `bounded` of `runs` free runs, with constant and with random inputs of the training data and from its least, mean and
-    greatest output, stayed within the range of the training output widened by its own width to each side; `stable` is
+    `bounded` of `runs` free runs, with constant and with random inputs of the training data and from its least, mean
+    and greatest output, stayed within the range of the training output widened by its own width to each side; `stable` is
     the share of the samples of the training data at which the linearised recursion has its eigenvalues within the unit
     circle; `largest` is the greatest absolute eigenvalue met.
     """

@@ -1,7 +1,7 @@
 """A published engine at idle, simulated: throttle and load in, engine speed out.
 
-P. R. Crossley, J. A. Cook: A nonlinear engine model for drivetrain system development, IEE Conference Control 1991, with
-the values of the Modelica Standard Library (Modelica.Clocked.Examples.Systems.EngineThrottleControl, BSD-3).
+P. R. Crossley, J. A. Cook: A nonlinear engine model for drivetrain system development, IEE Conference Control 1991,
+with the values of the Modelica Standard Library (Modelica.Clocked.Examples.Systems.EngineThrottleControl, BSD-3).
 """
 
 import numpy as np
