@@ -106,7 +106,7 @@ def _kennfeld(
 
 @app.command()
 def demo(
-    name: Annotated[str, typer.Argument(help="Which demo; there is torque.")] = "torque",
+    name: Annotated[str, typer.Argument(help="Which demo: torque or exhaust.")] = "torque",
     folder: Annotated[
         Path | None,
         typer.Option("--dir", help="Folder to write it to.", show_default="kennfeld-demo-NAME", metavar="DIR"),

@@ -12,7 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
-from kennfeld.measurement import read, text
+from kennfeld.measurement import clean, read, text
+from kennfeld.measurement.columns import Selection
+from kennfeld.measurement.sniff import locate
 
 NAN = np.nan
 
@@ -271,6 +273,43 @@ def test_a_damaged_file_gives_findings_and_nothing_else(csv, monkeypatch, bulk):
     for content in mutants(body.replace(".", ",").encode(), 7, 150 if bulk else 600):
         with contextlib.suppress(InputError):
             read(csv(content), raster=0.05)
+
+
+def outcome(path):
+    try:
+        data = read(path)
+    except InputError as error:
+        return str(error)
+    return {name: (channel.values.tolist(), channel.unit) for name, channel in data.items()}, str(data.time)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_clean_files_read_at_once_are_as_read_line_by_line(csv, monkeypatch, separator):
+    numbers = random.Random(5)
+    rows = [[f"{i / 10}", repr(numbers.gauss(0, 1e3)), repr(numbers.random() * 1e-9), str(-i)] for i in range(60)]
+    body = "\n".join(separator.join(row) for row in [["time", "a", "b", "c"], ["s", "Nm", "", "1"], *rows]) + "\n"
+    assert read_clean_of(csv(body)) is not None
+    for content in [body.encode(), body.replace("\n", "\r\n").encode(), *mutants(body.encode(), 11, 400)]:
+        path = csv(content)
+        at_once = repr(outcome(path))
+        with monkeypatch.context() as patched:
+            patched.setattr(text, "read_clean", lambda *_: None)
+            assert repr(outcome(path)) == at_once
+
+
+def read_clean_of(path):
+    source = locate(path)
+    return clean.read_clean(source, text._dialect(source), Selection())
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000", "inf", '"1"'])
+def test_what_is_no_plain_number_is_left_to_the_exact_reader(csv, cell):
+    assert read_clean_of(csv(f"a,b\n1,2\n3,{cell}\n5,6\n7,8\n")) is None
+
+
+@pytest.mark.parametrize("row", ["", "1", "1,2,3", "1,2,", "# 1,2", "1;2"])
+def test_a_row_of_another_form_is_left_to_the_exact_reader(csv, row):
+    assert read_clean_of(csv(f"a,b\n1,2\n{row}\n5,6\n7,8\n")) is None
 
 
 def test_a_damaged_packed_file_gives_findings_and_nothing_else(csv):

@@ -1,4 +1,4 @@
-"""Reads CSV and its relatives: exactly, line by line, or in bulk where the file is large and clean."""
+"""Reads CSV and its relatives: exactly, line by line, or all at once where the file is clean."""
 
 import codecs
 import io
@@ -9,6 +9,7 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
+from kennfeld.measurement.clean import read_clean
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table, capped
 from kennfeld.measurement.dialect import Dialect, encoding_of, find_dialect, is_comment, split
 from kennfeld.measurement.sniff import Source
@@ -30,7 +31,7 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
         table = read_bulk(source, dialect, selection)
         if table is not None:
             return [table]
-    return [_exact(source, dialect, selection)]
+    return [read_clean(source, dialect, selection) or _exact(source, dialect, selection)]
 
 
 def _dialect(source: Source) -> Dialect:

@@ -131,6 +131,7 @@ class Run:
 
     def end(self, search: Search | None = None) -> tuple[Descent, str]:
         """Where the search from the projected start ends, and a remark on that start."""
+        self.exact.rejected.clear()
         given = self.objective.start
         limits = limits_of(self.problem, self.exact.values)
         start, remark = project(given, limits)
@@ -138,7 +139,7 @@ class Run:
             return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
         if search is not None:
             return search(start, limits), remark
-        return self._limited(self._descend(start, limits), start, limits), remark
+        return self._with_reasons(self._limited(self._descend(start, limits), start, limits)), remark
 
     def result(self, search: Search | None = None) -> Result:
         """The result of the run, or of another search of the same problem."""
@@ -229,6 +230,18 @@ class Run:
                 break
         best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
         return _with_effort(best, ends)
+
+    def _with_reasons(self, end: Descent) -> Descent:
+        """The end with a sentence on the trial values that were rejected on the way."""
+        rejected = self.exact.rejected
+        if not rejected.count:
+            return end
+        from kennfeld.optimize.rejection import Reasons, told
+
+        if not np.isfinite(end.cost):
+            reason = Reasons(self.problem).of(self.parameters(end.values))
+            return replace(end, message=f"{end.message} At these values {reason}.")
+        return replace(end, message=f"{end.message} {told(self.problem, rejected, self.parameters)}")
 
     def parameters(self, values: Float) -> ParameterSet:
         """The set with these free values."""

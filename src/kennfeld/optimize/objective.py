@@ -56,7 +56,10 @@ class SumOfSquares:
         """Sum of losses plus roughness; infinite where breakpoints are out of order."""
         if not rising(self._order, values):
             return np.inf
-        return self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
+        cost = self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
+        if not np.isfinite(cost):
+            self._compiled.rejected.add(values)
+        return cost
 
     def normal(self, values: Float) -> tuple[Float, Float]:
         """Half the gradient and the Gauss-Newton matrix."""
@@ -67,6 +70,8 @@ class SumOfSquares:
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Residuals and Jacobian, those of the roughness below."""
         residual, jacobian = self._compiled.accumulator.rows(self._values(values))
+        if not np.all(np.isfinite(residual)):
+            self._compiled.rejected.add(values)
         rough, rows = self._compiled.roughness.rows(values)
         return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
 

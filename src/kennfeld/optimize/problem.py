@@ -27,7 +27,7 @@ from kennfeld.optimize.free_axes.moving_roughness import roughness_of
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Compiled", "Problem", "smoothable"]
+__all__ = ["Compiled", "Problem", "Rejected", "smoothable"]
 
 MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
 Factor = float | Literal["auto"]
@@ -167,6 +167,26 @@ def smoothable(problem: Problem) -> bool:
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
+class Rejected:
+    """Counts trial values whose cost is no finite number, and keeps the first few of them."""
+
+    MOST = 8
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first: list[Float] = []
+
+    def add(self, values: Float) -> None:
+        """Count these free values."""
+        self.count += 1
+        if len(self.first) < self.MOST:
+            self.first.append(values.copy())
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self.count, self.first = 0, []
+
+
 class Compiled:
     """A problem made ready to be evaluated: data-only parts computed, samples sorted, kernel compiled.
 
@@ -176,6 +196,7 @@ class Compiled:
 
     def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
         self.problem = problem
+        self.rejected: Rejected = Rejected() if smooth_like is None else smooth_like.rejected
         parameters, free = problem.parameters, problem.free_names
         self.weighting = Weighting.of(problem.criteria, problem.training)
         graph = self.weighting.extended(problem.graph)

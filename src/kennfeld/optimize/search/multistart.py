@@ -22,6 +22,7 @@ from kennfeld.optimize.search.starts import distance, drawn_start
 from kennfeld.optimize.search.step import unusable, whole
 from kennfeld.optimize.solver.gauss_newton import Descent, Status
 from kennfeld.optimize.solver.threads import blas_threads
+from kennfeld.optimize.time_constants import bounded
 
 __all__ = ["run"]
 
@@ -43,6 +44,7 @@ def run(
     are saved states by the number of their start; those starts go on from there. Raises `InputError` where there is
     nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
     """
+    problem = bounded(problem)
     if problem.unknown_shifts or problem.automatic_names:
         from kennfeld.optimize.choice.deciding import decided  # only here: many runs have nothing to decide
 

@@ -7,9 +7,9 @@ from kennfeld.dataset import Channel, Dataset, Use
 from kennfeld.parameters import Axis, Curve, Map, ParameterSet
 from kennfeld.project.demo.engine import torque
 
-__all__ = ["BOUNDS", "FORMULA", "NOISE", "PIN", "SMOOTHNESS", "bench", "fresh", "start"]
+__all__ = ["BOUNDS", "FILES", "FORMULA", "NOISE", "PIN", "SMOOTHNESS", "UNIT", "bench", "fresh", "start"]
 
-NOISE = 1.8  # Nm, standard deviation of the torque measurement
+NOISE, UNIT = 1.8, "Nm"  # standard deviation of the torque measurement
 SPEED, AIR, IGNITION = (700.0, 6100.0), (28.0, 100.0), (10.0, 40.0)
 LEVELS = (37, 19, 4)  # full factorial: 2812 points
 SCATTER = (2.5, 0.15, 0.5)  # standard deviation of what the bench holds around its set points
@@ -89,3 +89,6 @@ def _constant(name: str, shape: tuple[int, int], value: float, unit: str, descri
     x = Axis(np.linspace(*SPEED, shape[0]), input="Speed", unit="rpm")
     y = Axis(np.linspace(*AIR, shape[1]), input="Rel_Airmass", unit="%")
     return Map(name, x, y, np.full(shape, value), unit=unit, description=description)
+
+
+FILES = {"torque.kf": lambda: FORMULA, "bench.csv": bench, "fresh.csv": fresh, "start.dcm": start}

@@ -1,18 +1,19 @@
 """Puts a demo project into a folder."""
 
 import os
-from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.dataset import Dataset
+from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, nearest
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["NAMES", "noise", "write"]
 
-NAMES = ("torque",)  # each a module beside this one, with its project file
-PROJECT, START = "kennfeld.toml", "start.dcm"
+NAMES = ("torque", "exhaust")  # each a module beside this one, with its project file
+PROJECT = "kennfeld.toml"
 
 
 def write(name: str, folder: str | Path) -> Path:
@@ -38,7 +39,16 @@ def write(name: str, folder: str | Path) -> Path:
 
 def noise(name: str) -> str:
     """The standard deviation of the noise in the data of a demo, with its unit."""
-    return f"{import_module(f'kennfeld.project.demo.{name}').NOISE} Nm"
+    demo = _module(name)
+    return f"{demo.NOISE} {demo.UNIT}"
+
+
+def _module(name: str) -> Any:
+    """What a demo is made of: `NOISE`, `UNIT`, and `FILES`, which says for each file what makes its content.
+
+    A content is a text, a dataset or a parameter set.
+    """
+    return import_module(f"kennfeld.project.demo.{name}")
 
 
 def _claim(folder: Path, first_line: str) -> None:
@@ -54,30 +64,29 @@ def _claim(folder: Path, first_line: str) -> None:
 
 def _complete(folder: Path, name: str, settings: str) -> None:
     """Write the files that are not there yet, each whole or not at all; the one that claims the folder comes first."""
-    wanted = {PROJECT, f"{name}.kf", "bench.csv", "fresh.csv", START}
-    if all((folder / file).exists() for file in wanted):
-        return
-    demo = import_module(f"kennfeld.project.demo.{name}")
-    _add(folder, {PROJECT: settings, f"{name}.kf": demo.FORMULA})
-    _add(folder, {"bench.csv": _csv(demo.bench()), "fresh.csv": _csv(demo.fresh())})
-    if not (folder / START).exists():
-        write_parameters(demo.start(), folder / START)
+    contents = {PROJECT: lambda: settings} | _module(name).FILES
+    for file, content in contents.items():
+        if not (folder / file).exists():
+            _put(folder / file, content())
 
 
-def _add(folder: Path, files: Mapping[str, str]) -> None:
-    for name, text in files.items():
-        beside = folder / f".{name}.{os.getpid()}"
-        if (folder / name).exists():
-            continue
-        try:
-            beside.write_text(text, encoding="utf-8", newline="\n")
-            beside.replace(folder / name)
-        finally:
-            beside.unlink(missing_ok=True)
+def _put(path: Path, content: str | Dataset | ParameterSet) -> None:
+    if isinstance(content, ParameterSet):
+        return write_parameters(content, path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        text = content if isinstance(content, str) else _csv(content)
+        beside.write_text(text, encoding="utf-8", newline="\n")
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def _csv(data: Dataset) -> str:
-    """The channels of a dataset: a row of names, a row of units, a row a sample."""
-    heads = [",".join(c.name for c in data.channels), ",".join(c.unit for c in data.channels)]
-    rows = zip(*(channel.values.tolist() for channel in data.channels), strict=True)
-    return "\n".join([*heads, *(",".join(f"{value:.10g}" for value in row) for row in rows), ""])
+    """Time, if any, and the channels of a dataset: a row of names, a row of units, a row a sample."""
+    time = () if data.time is None else (Channel("time", data.time, "s"),)
+    columns = (*time, *data.channels)
+    heads = [",".join(c.name for c in columns), ",".join(c.unit for c in columns)]
+    rows = zip(*(channel.values.tolist() for channel in columns), strict=True)
+    form = ",".join(["%.10g"] * len(columns))
+    return "\n".join([*heads, *(form % row for row in rows), ""])

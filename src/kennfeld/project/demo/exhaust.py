@@ -1,0 +1,93 @@
+"""The exhaust gas temperature problem of the paper, on drives of a simulated car with known noise."""
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset, Use
+from kennfeld.parameters import Axis, Curve, Map, ParameterSet
+from kennfeld.project.demo import diesel
+from kennfeld.project.demo.drive import STEP, drive
+
+__all__ = ["BOUNDS", "FILES", "FORMULA", "NOISE", "SMOOTHNESS", "UNIT", "another", "start", "training"]
+
+NOISE, UNIT = 3.7, "degC"  # standard deviation of the thermometer
+SAMPLES, FEWER = 26_482, 12_000
+SPEED, INJECTION = (800.0, 4000.0), (0.0, 55.0)
+AIR_MASS = (30.0, 40.0, 55.0, 75.0, 100.0, 135.0, 180.0, 240.0, 330.0, 450.0)
+
+# The structure of Gutjahr, Kleinegraeber, Kruse: Automated Optimization of Physics-Based Sensor Models.
+FORMULA = """\
+# Exhaust gas temperature: what it would settle at, and how fast it gets there.
+input Speed[rpm]
+input Injection[mg/stk]
+input AirMass[kg/h]
+
+settled[degC] = MapSettled(Speed, Injection)
+TemperaturePredict[degC] = PT1(settled, CurveTimeConstant(AirMass))
+"""
+
+SMOOTHNESS = {"MapSettled": 1.0, "CurveTimeConstant": 1.0}
+BOUNDS = {"MapSettled": (0.0, 1200.0), "CurveTimeConstant": (0.1, 100.0)}
+
+
+def training(seed: int = 0) -> Dataset:
+    """44 minutes at 10 Hz through town, country and along a motorway."""
+    return _recorded("drive", SAMPLES, seed, "training")
+
+
+def another(seed: int = 1) -> Dataset:
+    """20 minutes of another drive, which no fit has seen."""
+    return _recorded("another", FEWER, seed, "test")
+
+
+def _recorded(name: str, samples: int, seed: int, use: Use) -> Dataset:
+    """What the control unit sees of a drive: channels as coarse as its bus, and a thermometer with noise."""
+    time, speed, fuel = drive(samples, seed)
+    settled = diesel.stroke_air(speed, fuel)
+    air = _lagged(settled, diesel.turbo_lag(speed))
+    flow = diesel.air_flow(speed, air)
+    temperature = _lagged(diesel.settled_temperature(speed, fuel), diesel.lag(flow))
+    noise = np.random.default_rng(seed + 1_000_000).normal(0.0, NOISE, samples)
+    channels = (
+        Channel("Speed", speed.round(1), "rpm"),
+        Channel("Injection", fuel.round(2), "mg/stk"),
+        Channel("AirMass", flow.round(1), "kg/h"),
+        Channel("Temperature", (temperature + noise).round(1), "degC"),
+    )
+    return Dataset(name, channels, time=time.round(1), use=use)
+
+
+def _lagged(values: Float, constant: Float) -> Float:
+    """A first-order lag with a time constant in s that changes, from rest; exact for inputs held over a step."""
+    share = -np.expm1(-STEP / constant)
+    y = float(values[0])
+    found = [y := y + part * (x - y) for x, part in zip(values.tolist(), share.tolist(), strict=True)]
+    return np.array(found)
+
+
+def start() -> ParameterSet:
+    """A calibration that knows nothing: one temperature everywhere, and one time constant."""
+    speed = Axis(np.linspace(*SPEED, 12), input="Speed", unit="rpm")
+    injection = Axis(np.linspace(*INJECTION, 12), input="Injection", unit="mg/stk")
+    air = Axis(np.array(AIR_MASS), input="AirMass", unit="kg/h")
+    return ParameterSet(
+        [
+            Map(
+                "MapSettled",
+                speed,
+                injection,
+                np.full((12, 12), 230.0),
+                unit="degC",
+                description="Temperature at rest",
+            ),
+            Curve("CurveTimeConstant", air, np.full(10, 5.0), unit="s", description="Time constant"),
+        ]
+    )
+
+
+FILES = {
+    "exhaust.kf": lambda: FORMULA,
+    "drive.csv": training,
+    "another_drive.csv": another,
+    "start.dcm": start,
+}

@@ -1,0 +1,67 @@
+"""Parameters that are time constants have a natural bound, and fits that press against it come to their end."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.optimize.api import problem_of
+from kennfeld.optimize.time_constants import bounded
+
+U = np.repeat(np.random.default_rng(0).normal(size=40), 50)
+M = U + np.random.default_rng(1).normal(0.0, 0.01, U.size)
+DATA = kf.Dataset.of("drive", {"u": U, "m": M}, time=0.1 * np.arange(U.size))
+
+
+def lag(**attributes):
+    return kf.Curve("Lag", [-1.0, 0.0, 1.0], [0.5, 0.5, 0.5], **attributes)
+
+
+def lower(text, *parameters, **options):
+    found = bounded(problem_of(text, DATA, kf.ParameterSet(parameters), "m", node="y", **options))
+    return np.broadcast_to(found.parameters[parameters[0].name].lower, parameters[0].values.shape).tolist()
+
+
+@pytest.mark.parametrize("start", [0.5, 20.0, -1.0])
+def test_a_lag_that_is_not_there_is_found_to_be_zero(start):
+    result = kf.calibrate("y = PT1(u, T)", DATA, {"T": start}, "m")
+    assert result.converged
+    assert result.parameters["T"].value == pytest.approx(0.0, abs=1e-3)
+    assert result.parameters["T"].value >= 0
+    assert "rejected" not in result.message
+
+
+def test_a_start_below_zero_is_moved_and_that_is_said():
+    result = kf.calibrate("y = PT1(u, T)", DATA, {"T": -1.0}, "m")
+    assert "start" in result.message
+    assert not np.isfinite(result.cost_before)
+
+
+def test_a_curve_that_ends_at_zero_does_not_hold_up_the_other_values():
+    result = kf.calibrate("y = PT1(u, Lag(u))", DATA, kf.ParameterSet([lag()]), "m")
+    assert result.converged
+    assert np.all(result.parameters["Lag"].values >= 0)
+    assert result.quality[0].rmse_after == pytest.approx(0.01, rel=0.05)
+
+
+def test_bounds_of_ones_own_stay_where_they_are_narrower():
+    assert lower("y = PT1(u, Lag(u))", lag(lower=[-1.0, 0.2, -np.inf])) == [0.0, 0.2, 0.0]
+
+
+def test_a_table_that_is_also_something_else_stays_free():
+    assert lower("y = PT1(u, Lag(u)) + Lag(2 * u)", lag()) == [-np.inf] * 3
+
+
+def test_a_part_of_a_time_constant_stays_free():
+    assert lower("y = PT1(u, Lag(u) + 1)", lag()) == [-np.inf] * 3
+
+
+def test_locked_values_stay_as_they_are():
+    assert lower("y = PT1(u, Lag(u))", lag(locked=[True, False, False])) == [-np.inf, 0.0, 0.0]
+
+
+def test_parameters_that_may_only_be_negative_stay_as_they_are():
+    assert lower("y = PT1(u, Lag(u))", lag(upper=[-1.0, 1.0, 1.0])) == [-np.inf] * 3
+
+
+def test_parameters_that_are_not_fitted_stay_as_they_are():
+    assert lower("y = PT1(u, Lag(u)) + a", lag(), kf.Scalar("a", 1.0), free=["a"]) == [-np.inf] * 3

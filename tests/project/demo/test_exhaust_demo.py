@@ -1,0 +1,155 @@
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kennfeld import formula, read
+from kennfeld.cli import run
+from kennfeld.project import Project
+from kennfeld.project.demo import diesel, exhaust, write
+from kennfeld.project.demo.drive import drive
+
+SPEED = np.linspace(800.0, 4200.0, 18)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return Project.read(write("exhaust", tmp_path_factory.mktemp("exhaust")))
+
+
+@pytest.fixture(scope="module")
+def result(project):
+    return project.calibrate()
+
+
+def test_the_drive_is_as_long_as_the_papers_and_the_same_each_time():
+    data = exhaust.training()
+    assert data.samples == 26_482
+    assert np.allclose(np.diff(data.time), 0.1)
+    again = exhaust.training()
+    assert all(np.array_equal(data[name].values, again[name].values) for name in data)
+
+
+def test_another_seed_is_another_drive():
+    (_, speed, _), (_, other, _) = drive(3000, 0), drive(3000, 1)
+    assert not np.array_equal(speed, other)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_engine_stays_within_its_limits(seed):
+    _, speed, fuel = drive(8000, seed)
+    assert speed.min() > 0.9 * diesel.IDLE_SPEED
+    assert speed.max() < diesel.TOP_SPEED - 1
+    assert fuel.min() == 0.0  # overrun
+    assert np.all(fuel <= 1.001 * diesel.full_load(np.arange(5000.0)).max())
+
+
+def test_the_drive_stands_pulls_and_coasts():
+    _, speed, fuel = drive(26_482, 0)
+    assert np.mean(np.abs(speed - diesel.IDLE_SPEED) < 20) > 0.02
+    assert np.mean((fuel == 0) & (speed > 1000)) > 0.05
+    assert np.mean(fuel > 40) > 0.03
+    assert np.mean(speed > 3000) > 0.03
+
+
+def test_more_fuel_is_hotter_and_takes_more_air():
+    fuel = np.linspace(0.0, 52.0, 40)
+    for speed in SPEED:
+        assert np.all(np.diff(diesel.settled_temperature(np.full(40, speed), fuel)) > 0)
+    pulling = fuel[fuel > 25]  # below, recirculated gas gives way
+    for speed in SPEED:
+        assert np.all(np.diff(diesel.stroke_air(np.full(pulling.size, speed), pulling)) > 0)
+
+
+def test_more_air_is_faster():
+    assert np.all(np.diff(diesel.lag(np.linspace(30.0, 500.0, 50))) < 0)
+
+
+def test_no_grid_of_this_size_holds_the_surface_exactly():
+    """The truth is no map: between the grid points it lies off the planes through them."""
+    table = exhaust.start()["MapSettled"]
+    x, y = (axis.breakpoints for axis in table.axes)
+    middle = diesel.settled_temperature((x[3] + x[4]) / 2, (y[2] + y[3]) / 2)
+    corners = [diesel.settled_temperature(a, b) for a in x[3:5] for b in y[2:4]]
+    assert abs(middle - np.mean(corners)) > 1.0
+
+
+def test_the_start_is_as_bad_as_the_papers_and_as_large(project):
+    problem = project.problem()
+    assert sum(problem.parameters[name].size for name in problem.free_names) == 154
+    predicted = project.simulate()[0]["TemperaturePredict"].values
+    error = predicted - exhaust.training()["Temperature"].values
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(197.57, rel=0.01)
+
+
+def test_the_end_is_the_noise_on_both_drives(result):
+    training, test = result.quality
+    assert result.converged
+    assert (training.use, test.use) == ("training", "test")
+    assert training.rmse_after <= 1.02 * exhaust.NOISE
+    assert test.rmse_after <= 1.05 * exhaust.NOISE
+
+
+def test_the_time_constants_are_the_engines(result):
+    curve = result.parameters["CurveTimeConstant"]
+    assert curve.values == pytest.approx(diesel.lag(curve.axes[0].breakpoints), rel=0.05)
+
+
+def test_the_map_is_the_engines_where_the_drive_went(result):
+    data = exhaust.training()
+    steady = diesel.settled_temperature(data["Speed"].values, data["Injection"].values)
+    found = formula("y = MapSettled(Speed, Injection)", parameters=list(exhaust.start()))
+    assert np.sqrt(np.mean((_simulated(found, data, result.parameters) - steady) ** 2)) < 5.0
+
+
+def _simulated(model, data, parameters):
+    from kennfeld import simulate
+
+    return simulate(model, data, parameters)["y"].values
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_other_drives_give_the_same_picture(seed):
+    from kennfeld import calibrate
+
+    found = calibrate(
+        formula(exhaust.FORMULA, parameters=list(exhaust.start())),
+        exhaust.training(seed),
+        exhaust.start(),
+        "Temperature",
+        node="TemperaturePredict",
+        test=exhaust.another(seed + 10),
+        smoothness=exhaust.SMOOTHNESS,
+        limits=exhaust.BOUNDS,
+    )
+    assert found.quality[1].rmse_after <= 1.1 * exhaust.NOISE
+
+
+def test_the_project_file_says_what_the_module_says(project):
+    tables = tomllib.loads(project.path.read_text(encoding="utf-8"))["parameters"]
+    assert {name: table["smoothness"] for name, table in tables.items()} == exhaust.SMOOTHNESS
+    assert {name: tuple(table["bounds"]) for name, table in tables.items()} == exhaust.BOUNDS
+
+
+def test_what_is_written_is_what_was_made(project):
+    data, written = exhaust.another(), read(project.path.with_name("another_drive.csv"))
+    assert np.array_equal(written.time, data.time)
+    for name in data:
+        assert np.array_equal(written[name].values, data[name].values)
+        assert written[name].unit == data[name].unit
+
+
+def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
+    assert run(["demo", "exhaust", "--dir", str(tmp_path / "demo")]) == 0
+    said = capsys.readouterr().out
+    assert "3.7 degC" in said
+    assert "converged" in said
+    assert {path.name for path in Path(tmp_path / "demo").iterdir()} == {"kennfeld.toml", "results", *exhaust.FILES}
+
+
+def test_the_help_names_every_demo(capsys):
+    assert run(["demo", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert "torque" in said
+    assert "exhaust" in said
