@@ -89,9 +89,7 @@ def _result(found: Any, start: ParameterSet, parameters: ParameterSet, trace: tu
 
 def _by_name(found: Any, key: str) -> dict[str, dict[str, float]]:
     """What a run chose, by table and axis or by dataset and channel; results of older versions have none."""
-    return {
-        name: {inner: float(value) for inner, value in given.items()} for name, given in found.get(key, {}).items()
-    }
+    return {name: {inner: float(value) for inner, value in given.items()} for name, given in found.get(key, {}).items()}
 
 
 def _start(row: Any) -> StartResult:
