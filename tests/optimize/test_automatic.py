@@ -186,6 +186,66 @@ def test_a_sequence_uses_the_factors_in_every_step():
     assert result.smoothness["C"]["x"] > 0
 
 
+def stepwise(*steps, seed=0, smoothness=0.0, **options):
+    return fitted(noisy(150, 0.1, seed), smoothness, options=kf.Options(steps=steps, **options))
+
+
+def test_a_step_may_choose_its_factors():
+    whole = fitted(noisy(150, 0.1))
+    one = stepwise(kf.Step(smoothness="auto"))
+    assert one.status == "converged"
+    assert one.smoothness["C"]["x"] == pytest.approx(whole.smoothness["C"]["x"], rel=0.1)
+    assert one.parameters["C"].values == pytest.approx(whole.parameters["C"].values, abs=0.02)
+    assert any("step 1: smoothness 1" in line.stage for line in one.trace)
+
+
+def test_a_factor_chosen_on_a_coarse_grid_is_told_for_the_full_one():
+    """The same surface has the same penalty, so that the factors of both grids compare."""
+    coarse = stepwise(kf.Step(grid_reduction=2, smoothness="auto"))
+    fine = stepwise(kf.Step(smoothness="auto"))
+    ratio = coarse.smoothness["C"]["x"] / fine.smoothness["C"]["x"]
+    assert 1 / 3 < ratio < 3  # on the coarse grid itself it would be 1/15
+    again = stepwise(kf.Step(grid_reduction=2, smoothness="auto"), kf.Step(smoothness={"C": "auto"}))
+    assert again.smoothness["C"]["x"] == pytest.approx(fine.smoothness["C"]["x"], rel=0.2)
+    assert again.quality[1].rmse_after < 1.1 * fine.quality[1].rmse_after
+
+
+def test_a_choice_of_a_step_is_of_this_step_alone():
+    """The next step smooths by what the problem says, here not at all."""
+    two = stepwise(kf.Step(smoothness="auto"), kf.Step())
+    plain = fitted(noisy(150, 0.1), 0.0)
+    assert two.parameters["C"].values == pytest.approx(plain.parameters["C"].values, abs=1e-4)
+
+
+def test_a_step_that_says_a_number_needs_no_choice():
+    result = fitted(noisy(150, 0.1), options=kf.Options(steps=[kf.Step(smoothness=5.0)]))
+    five = fitted(noisy(150, 0.1), 5.0)
+    assert result.parameters["C"].values == pytest.approx(five.parameters["C"].values, abs=1e-4)
+
+
+def test_every_start_chooses_for_itself_and_the_same_again():
+    starts = {"starts": 3, "spread": 2.0}
+    here, there = (stepwise(kf.Step(smoothness="auto"), workers=workers, **starts) for workers in (1, 2))
+    assert here.smoothness == there.smoothness != {}
+    assert np.array_equal(here.parameters["C"].values, there.parameters["C"].values)
+
+
+def test_a_step_stopped_while_factors_are_chosen_keeps_what_it_has():
+    def stop(line):
+        raise kf.Stop
+
+    data, steps = noisy(100, 0.1), [kf.Step(smoothness="auto")]
+    result = fitted(data, 0.0, options=kf.Options(steps=steps), progress=stop)
+    assert result.status == "stopped"
+    assert result.cost_after < result.cost_before
+
+
+@pytest.mark.parametrize("given", ["automatic", -1.0, {"C": "many"}, {"C": (1.0, -2.0)}, float("nan"), True])
+def test_what_is_no_factor_of_a_step_is_named(given):
+    with pytest.raises(ArgumentError, match="of a step must be a number from 0 on"):
+        kf.Step(smoothness=given)
+
+
 def test_limits_of_outputs_and_of_slopes_hold_with_it():
     data = noisy(200, 0.1, function=lambda x: np.sqrt(x))
     rising = kf.calibrate("y = C(x)", data, curve(), target="wanted", smoothness="auto", limits={"y": (-9.0, 2.0)})
