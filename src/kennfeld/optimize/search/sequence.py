@@ -92,15 +92,10 @@ class Climber:
     def cost(self, values: TableValues) -> float:
         """The cost of the whole problem."""
         if self._whole is None:
-            self._whole = Compiled(self.problem) if self.options.steps else self.run(1, values)[0].exact
+            self._whole = Compiled(self.problem) if self.options.steps else self.run(1, self.small(1, values)[0]).exact
         at = replace(self.problem, parameters=holding(self.problem.parameters, values))
         objective = SumOfSquares(self._whole.moved(at))
         return objective.cost(objective.start)
-
-    def run(self, number: int, values: TableValues) -> tuple[Run, ParameterSet]:
-        """The run of a step from these values, and the parameters on the full grids."""
-        small, parameters = self.small(number, values)
-        return self.running(number, small), parameters
 
     def small(self, number: int, values: TableValues) -> tuple[Problem, ParameterSet]:
         """The problem of a step on its grids, from these values, and the parameters on the full grids.
@@ -116,7 +111,7 @@ class Climber:
         tables = [name for name in full.free_names if parameters[name].axes]
         return reduced(full, {name: step.reduction(parameters[name]) for name in tables}), parameters
 
-    def running(self, number: int, small: Problem) -> Run:
+    def run(self, number: int, small: Problem) -> Run:
         """The run of the problem of a step, compiled anew only where that is another one."""
         if number not in self._runs or not _alike(self._runs[number].problem, small):
             self._runs[number] = Run(small, _options(self.options, self.steps[number - 1]), None, Seconds())
@@ -176,7 +171,7 @@ class _Climbing:
                 if choice.fit.status == "stopped":
                     return choice.fit
                 small = with_choice(replace(small, parameters=plain.parameters(choice.fit.values)), choice)
-        run = self.climber.running(self.step, small)
+        run = self.climber.run(self.step, small)
 
         def watch(line: TraceLine, values: Float) -> None:
             self.count += 1
