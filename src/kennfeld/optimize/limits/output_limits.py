@@ -141,11 +141,11 @@ class Touched:
 class _Penalised(Problem):
     """A problem with a criterion for each side of its limits, whose targets are arrays that others may change."""
 
-    targets: Mapping[tuple[str, str], Float] = field(default_factory=dict)  # by node and dataset
+    targets: Mapping[tuple[str, int], Float] = field(default_factory=dict)  # by node and identity of the dataset
 
     def target(self, criterion: Criterion, bound: Bound) -> Float:
         """That of the problem, or of a side: read where it lies."""
-        known = self.targets.get((criterion.node, bound.dataset.name))
+        known = self.targets.get((criterion.node, id(bound.dataset)))
         return super().target(criterion, bound) if known is None else known
 
 
@@ -302,7 +302,7 @@ class OutputLimits:
         """The problem with a criterion for each side, whose weight is one over the square of the side's scale."""
         problem = self._problem
         targets = {
-            (side.node, bound.dataset.name): np.empty(bound.count) for bound in self._bounds for side in self._sides
+            (side.node, id(bound.dataset)): np.empty(bound.count) for bound in self._bounds for side in self._sides
         }
         criteria = [
             Criterion(side.node, 0.0, 1 / scale**2, "excess")
@@ -323,7 +323,7 @@ class OutputLimits:
         """Write the targets: the bounds, lowered by the shifts."""
         for bound, mask, shift in zip(self._bounds, self._masks, self._shifts, strict=True):
             for i, side in enumerate(self._sides):
-                self._targets[side.node, bound.dataset.name][:] = (side.bound - shift[i]) * mask[i]
+                self._targets[side.node, id(bound.dataset)][:] = (side.bound - shift[i]) * mask[i]
 
     def press(self, excess: Sequence[Float], heavier: float = 1.0) -> float:
         """Move the multipliers to what the excess tells; returns the sum of multiplier times distance from the side.
