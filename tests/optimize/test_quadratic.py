@@ -2,8 +2,10 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import LinearConstraint, lsq_linear, minimize
+from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.limits.limits import Limits, Rows
@@ -194,6 +196,45 @@ def test_a_row_that_no_value_enters_is_left_alone():
     limits = limited(np.full(2, -1.0), np.full(2, 1.0), np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([1e-17, 0.5]))
     step = solved(np.eye(2), np.array([-9.0, 1.0]), np.zeros(2), limits).step
     np.testing.assert_allclose(step, [1.0, -0.5], atol=1e-9)
+
+
+def test_a_row_that_no_value_enters_does_not_hide_what_the_others_need():
+    matrix = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.9], [0.0, 0.9, 1.0]])
+    m = nonnegative_dual(matrix, np.array([1e-17, 1.0, 0.5]), 1)
+    np.testing.assert_allclose(m, [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def limited_map(count, random):
+    """Limits of the slopes of a map along both axes, those around a cell depend on each other; the plane 0 keeps them.
+
+    Many touch it: there is no more room on that side.
+    """
+    grid = np.arange(count * count).reshape(count, count)
+    pairs = np.concatenate([np.stack(pair, -1).reshape(-1, 2) for pair in neighbours(grid)])
+    below, above = random.choice([0.0, 0.3, np.inf], (2, len(pairs)))
+    rows = Rows(pairs, np.tile([-1.0, 1.0], (len(pairs), 1)), -below, np.where(below == 0, above + 0.1, above))
+    return Limits(np.full(grid.size, -2.0), np.full(grid.size, 2.0), rows)
+
+
+def neighbours(grid):
+    return (grid[:-1], grid[1:]), (grid[:, :-1], grid[:, 1:])
+
+
+@given(st.integers(2, 7), st.integers(0, 2**32 - 1), st.booleans())
+def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guessed):
+    random = np.random.default_rng(seed)
+    limits = limited_map(count, random)
+    size = count * count
+    matrix, gradient = convex(size, random)
+    guess = random.integers(-1, 2, size + limits.rows.count) if guessed else None
+    solution = solved(matrix, gradient, np.zeros(size), limits, guess)
+    assert limits.violation(solution.step) <= 1e-9
+    assert np.all(np.abs(solution.step) <= 2 + 1e-9)
+    rows = np.vstack([np.eye(size), limits.rows.matrix(np.arange(limits.rows.count), size)])
+    pressed = solution.active[:, None] * rows
+    slope = matrix @ solution.step + gradient
+    rest = nnls(pressed.T, -slope)[1]
+    assert rest <= 1e-6 * np.linalg.norm(gradient)
 
 
 def test_no_rows_have_no_multipliers():
