@@ -158,6 +158,19 @@ def test_an_equality_that_a_bound_decides_is_met():
     np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-9)
 
 
+@given(st.integers(1, 20), st.integers(0, 2**32 - 1))
+def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
+    random = np.random.default_rng(seed)
+    matrix, gradient = convex(size, random)
+    at, limits = some_limits(size, random, min(size - 1, 2))
+    solution = solved(matrix, gradient, at, limits)
+    there, held = solution.reached(at, limits), solution.active[:size]
+    assert np.array_equal(there[held > 0], limits.upper[held > 0])
+    assert np.array_equal(there[held < 0], limits.lower[held < 0])
+    assert np.all((there >= limits.lower) & (there <= limits.upper))
+    np.testing.assert_allclose(there, at + solution.step, atol=1e-9)
+
+
 def test_values_of_very_different_size_keep_their_bounds():
     size = np.array([1e-9, 1.0, 1e9])
     matrix, gradient = np.diag(1 / size**2), -10 / size

@@ -1,8 +1,8 @@
 """The convex quadratic program of one step: min 1/2 d'Hd + g'd within bounds and linear rows.
 
-H is factored once. If the free step violates limits, the violated ones and those active before enter a small dual
-problem, solved through triangular solves with the same factor; repeated until none is violated, which ends because
-limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
+H is factored once. If the free step violates limits, the violated ones, or those active before, enter a small dual
+problem with the matrix A H^-1 A', which the same factor gives (see `native.gram`); repeated until none is violated,
+which ends because limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
 """
 
 from dataclasses import dataclass
@@ -30,6 +30,16 @@ class Solution:
 
     step: Float
     active: Int
+
+    def reached(self, at: Float, limits: Limits) -> Float:
+        """Where the step leads from `at`: within all bounds, and bit for bit on those that hold it.
+
+        A value that rounding leaves next to its bound is free again in the next step; where it is a breakpoint at the
+        end of the data, that next step sees another slope.
+        """
+        held = self.active[: at.size]
+        bound = np.where(held > 0, limits.upper, limits.lower)
+        return np.where(held != 0, bound, limits.clip(at + self.step))
 
 
 def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: Int | None = None) -> Solution:
@@ -91,7 +101,6 @@ class _Dual:
         self.which = np.zeros(0, dtype=np.int64)
         self.signs = np.zeros(0, dtype=np.int64)
         self.pressing = np.zeros(0, dtype=bool)
-        self.multipliers = np.zeros(0)
 
     def new(self, signs: Int) -> Int:
         """Those of the limits that are not considered yet."""
@@ -134,10 +143,10 @@ class _Dual:
         """The step for the limits considered."""
         if not self.excess.size:
             return self.free_step
-        self.multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
-        self.pressing = self.multipliers > 0
-        pull = np.zeros(self.free_step.size)
-        np.add.at(pull, self.columns, self.coefficients * self.multipliers[:, None])
+        multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
+        self.pressing = multipliers > 0
+        pulls = self.coefficients * multipliers[:, None]
+        pull = np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size)
         step: Float = self.free_step - self.factor.solve(pull)
         return step
 
