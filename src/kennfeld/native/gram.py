@@ -69,9 +69,10 @@ class Gram:
 
 def _scattered(columns: Int, coefficients: Float, size: int) -> Float:
     """Sparse rows as block rows, stored column by column."""
-    rows = np.arange(len(columns))[:, None]
     full = np.zeros((-(-len(columns) // BLOCK), size, BLOCK))
-    np.add.at(full.ravel(), (rows // BLOCK * size + columns) * BLOCK + rows % BLOCK, coefficients)
+    rows, entries = np.nonzero(coefficients)
+    places = (rows // BLOCK * size + columns[rows, entries]) * BLOCK + rows % BLOCK
+    np.add.at(full.ravel(), places, coefficients[rows, entries])
     return full
 
 
