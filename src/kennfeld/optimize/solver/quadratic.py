@@ -146,7 +146,7 @@ class _Dual:
         multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
         self.pressing = multipliers > 0
         pulls = self.coefficients * multipliers[:, None]
-        pull = np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size)
+        pull = np.asarray(np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size), dtype=np.float64)
         step: Float = self.free_step - self.factor.solve(pull)
         return step
 
