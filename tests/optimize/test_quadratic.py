@@ -9,7 +9,8 @@ from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.limits.limits import Limits, Rows
-from kennfeld.optimize.solver.quadratic import nonnegative_dual, solve
+from kennfeld.optimize.solver.dual import nonnegative_dual
+from kennfeld.optimize.solver.quadratic import solve
 
 
 def limited(lower, upper, matrix=None, target=None):
@@ -240,14 +241,26 @@ def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guesse
     size = count * count
     matrix, gradient = convex(size, random)
     guess = random.integers(-1, 2, size + limits.rows.count) if guessed else None
-    solution = solved(matrix, gradient, np.zeros(size), limits, guess)
-    assert limits.violation(solution.step) <= 1e-9
+    assert_optimal(matrix, gradient, limits, solved(matrix, gradient, np.zeros(size), limits, guess))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_guess_of_very_many_dependent_limits_ends_at_the_optimum(seed):
+    random = np.random.default_rng([seed, 8])
+    limits = limited_map(8, random)
+    matrix, gradient = convex(64, random, 1.1)
+    guess = random.integers(-1, 2, 64 + limits.rows.count)
+    assert_optimal(matrix, gradient, limits, solved(matrix, gradient, np.zeros(64), limits, guess))
+
+
+def assert_optimal(matrix, gradient, limits, solution):
+    """The step from 0 keeps the limits, and those that are active hold against the slope."""
+    size = len(gradient)
+    assert np.all(limits.violations(solution.step, np.full(size, np.abs(solution.step).max())) <= 1e-9)
     assert np.all(np.abs(solution.step) <= 2 + 1e-9)
     rows = np.vstack([np.eye(size), limits.rows.matrix(np.arange(limits.rows.count), size)])
-    pressed = solution.active[:, None] * rows
     slope = matrix @ solution.step + gradient
-    rest = nnls(pressed.T, -slope)[1]
-    assert rest <= 1e-6 * np.linalg.norm(gradient)
+    assert nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
 
 
 def test_no_rows_have_no_multipliers():

@@ -9,16 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Float, Int
 from kennfeld.native import Factor, Gram
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.solver.dual import nonnegative_dual
 
-__all__ = ["Solution", "nonnegative_dual", "solve"]
+__all__ = ["Solution", "solve"]
 
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
-RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor
-NEGATIVE = 1e-10  # a multiplier below 0 by this share of the largest is wrong
-PASSED = 1e-14  # a slope below 0 by this share of what it is summed from is wrong
 
 
 @dataclass(frozen=True)
@@ -157,54 +155,3 @@ class _Dual:
         pressing[: self.equal.size] = False
         signs[self.which[pressing]] = self.signs[pressing]
         return signs
-
-
-def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
-    """Min 1/2 m'Sm - e'm with m >= 0 but for the first `equalities`, which are free; `guess` are likely to be above 0.
-
-    Block principal pivoting with a single-exchange rule as backup (Judice and Pires 1994), which ends. A row that no
-    value enters, with 0 on the diagonal of S, has no multiplier.
-    """
-    size = excess.size
-    entered = np.diag(matrix) > 1e-300
-    scale = np.sqrt(np.where(entered, np.diag(matrix), 1.0))
-    wanted = np.where(entered, excess / scale, 0.0)
-    bounded = entered & (np.arange(size) >= equalities)
-    inside = entered & (~bounded | (wanted > 0 if guess is None else guess))
-    best, patience = size + 1, 3
-    for _ in range(50 + 5 * size):
-        m = _multipliers(matrix, excess, np.flatnonzero(inside))
-        scaled, slope = m * scale, (matrix @ m - excess) / scale
-        sizes = np.abs(scaled)
-        negative = scaled < -NEGATIVE * sizes.max(initial=0.0)
-        passed = slope < -PASSED * (np.abs(wanted).max(initial=0.0) + sizes.sum())
-        wrong = bounded & np.where(inside, negative, passed)
-        count = int(np.count_nonzero(wrong))
-        if count == 0:
-            break
-        if count < best:
-            best, patience = count, 3
-        elif patience > 0:
-            patience -= 1
-        else:
-            wrong[: np.flatnonzero(wrong)[-1]] = False
-        inside ^= wrong
-    return np.where(bounded, np.maximum(m, 0.0), m)
-
-
-def _multipliers(matrix: Float, excess: Float, inside: Int) -> Float:
-    """Multipliers `inside` for which the slope of the dual is 0 there; the others are 0.
-
-    Of dependent rows a ridge makes a small one. What it costs in digits a second solve gives back (J. Riley: Solving
-    systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix, 1955).
-    """
-    ridge = RIDGE * np.diag(matrix)
-    while (factor := Factor.part(matrix, inside, ridge)) is None and ridge.max() <= matrix.max():
-        ridge = 100 * ridge
-    m = np.zeros(excess.size)
-    if factor is None:  # not finite: no step will do
-        m[inside] = np.nan
-        return m
-    m[inside] = factor.solve(excess[inside])
-    m[inside] += factor.solve((excess - matrix @ m)[inside])
-    return m
