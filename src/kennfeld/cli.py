@@ -73,6 +73,28 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+surrogates = typer.Typer(help="Data-driven models: trained on recordings, called in formula text.")
+app.add_typer(surrogates, name="surrogate")
+
+
+@surrogates.command()
+def train(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="The training file, surrogate.toml.", show_default=False)
+    ],
+) -> int:
+    """Train a data-driven model on recordings, and write it as one file that a project can name."""
+    from kennfeld.project.training import read_training
+    from kennfeld.surrogate import write_surrogate
+    from kennfeld.terminal.surrogates import summary
+
+    training = read_training(path)
+    made = training.train(lambda line: say(line))
+    write_surrogate(made, training.target)
+    say(*summary(made), "", f"Written to {training.target}")
+    return DONE
+
+
 @app.callback()
 def _kennfeld(
     version: Annotated[

@@ -174,6 +174,18 @@ class TestStudentized:
         assert found[0].sum() == pytest.approx(self.leverage(x).sum())
         assert ((found[0] >= 0) & (found[0] < 1)).all()
 
+    def test_a_sample_pulls_as_hard_as_it_weighs(self):
+        """The diagonal of the weighted hat matrix, where samples lie on grid points."""
+        rng = np.random.default_rng(2)
+        x, w = rng.choice(self.points, 60), np.where(rng.random(60) < 0.2, 0.0, rng.uniform(0.1, 9, 60))
+        data = Dataset.of("d", {"x": x, "t": rng.normal(size=60), "w": w}, weight_channel="w")
+        problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data)
+        series = Evaluator(problem).series(problem.parameters)
+        found = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": np.ones(6)})
+        rows = np.sqrt(w)[:, None] * hats(x, self.points)
+        expected = np.diag(rows @ np.linalg.pinv(rows))
+        np.testing.assert_allclose(found[0], np.minimum(expected, 0.999), rtol=1e-9, atol=1e-12)
+
     def test_a_sample_that_decides_a_value_alone_has_no_error_to_judge(self):
         x = np.r_[np.full(30, 2.0), 8.0]
         data = Dataset.of("d", {"x": x, "t": np.r_[np.tile([1.0, -1.0], 15), 5.0]})

@@ -40,6 +40,27 @@ def test_time_is_a_channel_too_where_it_is_asked_for(csv):
     assert data.time.tolist() == [0, 0.01]
 
 
+@pytest.mark.parametrize("head", ["t", "t [-]", "dwell [ms]"])
+def test_what_only_looks_like_time_is_a_channel_where_it_is_asked_for(csv, head):
+    path, name = csv(f"{head},a\n1,5\n2,6\n4,7\n"), head.split()[0]
+    assert read(path).time.tolist() == [x / 1000 if name == "dwell" else x for x in (1, 2, 4)]
+    data = read(path, [name, "a"])
+    assert data.time is None
+    assert data[name].values.tolist() == [1, 2, 4]
+
+
+def test_another_column_is_the_time_where_t_is_a_channel(csv):
+    data = read(csv("t,time [s],a\n1,0,5\n2,0.1,6\n"), ["t", "a"])
+    assert data.time.tolist() == [0, 0.1]
+    assert data["t"].values.tolist() == [1, 2]
+
+
+def test_a_t_in_seconds_stays_the_time(csv):
+    data = read(csv("t [s],a\n0,5\n0.1,6\n"), ["t", "a"])
+    assert data.time.tolist() == [0, 0.1]
+    assert data["t"].values.tolist() == [0, 0.1]
+
+
 def test_stamps_of_one_instant_are_merged(csv):
     data = read(csv("time,a,b\n0,1,\n1,,5\n1.0000000000001,3,6\n2,4,7\n"))
     assert data.time.tolist() == [0, 1, 2]

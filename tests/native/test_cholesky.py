@@ -114,3 +114,19 @@ def test_a_triangle_is_taken_as_a_factor():
     right = np.arange(13.0)
     np.testing.assert_allclose(Factor.of(lower).solve(right), np.linalg.solve(lower @ lower.T, right))
     assert Factor.of(np.zeros((0, 0))).solve(np.zeros(0)).shape == (0,)
+
+
+@given(st.integers(1, 30), st.integers(0, 2**32 - 1))
+def test_part_of_a_matrix_is_factored_as_if_cut_out(size, seed):
+    random = np.random.default_rng(seed)
+    matrix, ridge = dense(size, random), random.uniform(size=size)
+    which = np.flatnonzero(random.uniform(size=size) < 0.6)
+    right = random.standard_normal(which.size)
+    cut = (matrix + np.diag(ridge))[np.ix_(which, which)]
+    np.testing.assert_allclose(Factor.part(matrix, which, ridge).solve(right), np.linalg.solve(cut, right), rtol=1e-6)
+
+
+def test_part_of_a_matrix_that_is_not_positive_definite_has_no_factor():
+    matrix = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 0.0], [2.0, 0.0, 1.0]])
+    assert Factor.part(matrix, np.array([0, 2]), np.zeros(3)) is None
+    assert Factor.part(matrix, np.array([0, 1]), np.zeros(3)) is not None

@@ -1,6 +1,7 @@
 """One measurement repeated many times: the same problem with other noise, compiled once."""
 
 import numpy as np
+import pytest
 
 from kennfeld.native import Accumulator, Samples
 from kennfeld.optimize.limits.limiting import limits_of
@@ -48,3 +49,24 @@ def outputs(compiled, full):
     assert all(c.weight == c.scale == 1.0 and c.loss == "square" for c in compiled.problem.criteria)
     residual, _ = compiled.accumulator.rows(full)
     return residual.reshape(-1, len(compiled.problem.criteria)).T.copy()
+
+
+def agree(covariance, ends):
+    """Whether values scatter with a covariance: each variance, and all mixtures of values, within sampling error."""
+    deviation = np.sqrt(np.diag(covariance))
+    moving = deviation > 0
+    assert np.std(ends[:, ~moving], axis=0) == pytest.approx(0.0, abs=1e-6)
+    count, size = len(ends), int(moving.sum())
+    units = deviation[moving]
+    ratio = np.var(ends[:, moving], axis=0, ddof=1) / units**2
+    spread = np.sqrt(2 / count)
+    assert ratio.mean() == pytest.approx(1.0, abs=0.08)
+    assert np.all(np.abs(ratio - 1) < 4.5 * spread), ratio
+    values, vectors = np.linalg.eigh(covariance[np.ix_(moving, moving)] / np.outer(units, units))
+    kept = values > 1e-9 * values[-1]
+    mixtures = (ends[:, moving] / units) @ (vectors[:, kept] / np.sqrt(values[kept]))
+    found = np.linalg.eigvalsh(np.cov(mixtures.T))
+    edge = np.sqrt(kept.sum() / count)  # of Marchenko and Pastur
+    assert (1 - edge) ** 2 * 0.8 < found[0]
+    assert found[-1] < (1 + edge) ** 2 * 1.2
+    return size

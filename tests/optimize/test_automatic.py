@@ -113,6 +113,52 @@ def test_a_model_with_memory_is_smoothed_too():
     assert result.parameters["C"].values == pytest.approx(truth["C"].values, abs=0.15)
 
 
+def drives(count, seed=0, resembling=0.3, samples=600):
+    """Recordings whose errors last for seconds and are others in each."""
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        x = 3 + 2.9 * np.sin(np.cumsum(rng.normal(0, 0.15, samples)))
+        error = np.zeros(samples)
+        for k in range(1, samples):
+            error[k] = 0.97 * error[k - 1] + rng.normal(0, resembling * np.sqrt(1 - 0.97**2))
+        yield kf.Dataset.of(f"drive {i}", {"x": x, "wanted": np.sin(x) + error}, time=0.1 * np.arange(samples))
+
+
+def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
+    lasting = fitted(list(drives(4)))
+    assert "by holding back 20 stretches of the recordings" in lasting.message
+    quick = kf.Dataset.of("d", noisy(600, 0.2), time=0.1 * np.arange(600))
+    for result in (fitted(quick), fitted(noisy(150, 0.1))):
+        assert "Smoothness was chosen by generalised cross-validation." in result.message
+
+
+def test_lasting_errors_are_not_followed():
+    """Generalised cross-validation alone ends 39 % above the best fixed factor here, on the mean of twenty."""
+    ratios = []
+    for seed in range(8):
+        data = list(drives(4, seed))
+        best = min(fitted(data, factor).quality[-1].rmse_after for factor in FACTORS)
+        ratios.append(fitted(data).quality[-1].rmse_after / best)
+    assert np.mean(ratios) <= 1.2
+
+
+def test_a_table_that_matters_only_after_others_is_smoothed():
+    """Behind a map of zeros a time constant has no effect, so it has no derivative at the start."""
+    rng = np.random.default_rng(2)
+    time = np.arange(4000) * 0.1
+    load = 3 + 2.9 * np.sin(np.cumsum(rng.normal(0, 0.3, time.size)))
+    points = np.linspace(0, 6, 9)
+    truth = kf.ParameterSet([kf.Curve("C", points, np.cos(points)), kf.Curve("T", points, 1 + points / 6)])
+    text = "y = PT1(C(load), T(load))"
+    data = kf.Dataset.of("drive", {"load": load}, time=time)
+    clean = kf.simulate(text, data, truth)["y"].values
+    data = data.with_channels(kf.Channel("wanted", clean + 0.2 * rng.normal(size=time.size)))
+    start = kf.ParameterSet([truth["C"].with_values(np.zeros(9)), truth["T"].with_values(np.full(9, 2.0))])
+    result = kf.calibrate(text, data, start, target="wanted", smoothness="auto", limits={"T": (0.05, 20.0)})
+    assert result.smoothness["T"]["x"] > 0
+    assert result.parameters["T"].values == pytest.approx(truth["T"].values, abs=0.3)
+
+
 def test_stopping_keeps_the_best_values_so_far():
     def stop(line):
         raise kf.Stop
@@ -138,6 +184,66 @@ def test_a_sequence_uses_the_factors_in_every_step():
     assert result.status == "converged"
     assert result.quality[1].rmse_after < 0.1
     assert result.smoothness["C"]["x"] > 0
+
+
+def stepwise(*steps, seed=0, smoothness=0.0, **options):
+    return fitted(noisy(150, 0.1, seed), smoothness, options=kf.Options(steps=steps, **options))
+
+
+def test_a_step_may_choose_its_factors():
+    whole = fitted(noisy(150, 0.1))
+    one = stepwise(kf.Step(smoothness="auto"))
+    assert one.status == "converged"
+    assert one.smoothness["C"]["x"] == pytest.approx(whole.smoothness["C"]["x"], rel=0.1)
+    assert one.parameters["C"].values == pytest.approx(whole.parameters["C"].values, abs=0.02)
+    assert any("step 1: smoothness 1" in line.stage for line in one.trace)
+
+
+def test_a_factor_chosen_on_a_coarse_grid_is_told_for_the_full_one():
+    """The same surface has the same penalty, so that the factors of both grids compare."""
+    coarse = stepwise(kf.Step(grid_reduction=2, smoothness="auto"))
+    fine = stepwise(kf.Step(smoothness="auto"))
+    ratio = coarse.smoothness["C"]["x"] / fine.smoothness["C"]["x"]
+    assert 1 / 3 < ratio < 3  # on the coarse grid itself it would be 1/15
+    again = stepwise(kf.Step(grid_reduction=2, smoothness="auto"), kf.Step(smoothness={"C": "auto"}))
+    assert again.smoothness["C"]["x"] == pytest.approx(fine.smoothness["C"]["x"], rel=0.2)
+    assert again.quality[1].rmse_after < 1.1 * fine.quality[1].rmse_after
+
+
+def test_a_choice_of_a_step_is_of_this_step_alone():
+    """The next step smooths by what the problem says, here not at all."""
+    two = stepwise(kf.Step(smoothness="auto"), kf.Step())
+    plain = fitted(noisy(150, 0.1), 0.0)
+    assert two.parameters["C"].values == pytest.approx(plain.parameters["C"].values, abs=1e-4)
+
+
+def test_a_step_that_says_a_number_needs_no_choice():
+    result = fitted(noisy(150, 0.1), options=kf.Options(steps=[kf.Step(smoothness=5.0)]))
+    five = fitted(noisy(150, 0.1), 5.0)
+    assert result.parameters["C"].values == pytest.approx(five.parameters["C"].values, abs=1e-4)
+
+
+def test_every_start_chooses_for_itself_and_the_same_again():
+    starts = {"starts": 3, "spread": 2.0}
+    here, there = (stepwise(kf.Step(smoothness="auto"), workers=workers, **starts) for workers in (1, 2))
+    assert here.smoothness == there.smoothness != {}
+    assert np.array_equal(here.parameters["C"].values, there.parameters["C"].values)
+
+
+def test_a_step_stopped_while_factors_are_chosen_keeps_what_it_has():
+    def stop(line):
+        raise kf.Stop
+
+    data, steps = noisy(100, 0.1), [kf.Step(smoothness="auto")]
+    result = fitted(data, 0.0, options=kf.Options(steps=steps), progress=stop)
+    assert result.status == "stopped"
+    assert result.cost_after < result.cost_before
+
+
+@pytest.mark.parametrize("given", ["automatic", -1.0, {"C": "many"}, {"C": (1.0, -2.0)}, float("nan"), True])
+def test_what_is_no_factor_of_a_step_is_named(given):
+    with pytest.raises(ArgumentError, match="of a step must be a number from 0 on"):
+        kf.Step(smoothness=given)
 
 
 def test_limits_of_outputs_and_of_slopes_hold_with_it():

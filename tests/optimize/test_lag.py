@@ -130,3 +130,9 @@ def test_a_channel_without_a_part_cannot_be_shifted():
 
 def test_a_number_moves_the_channel_as_in_a_project():
     assert calibrated(bench(2), {"Torque": -2.0}).quality[0].rmse_after < 1.1 * torque.NOISE
+
+
+def test_datasets_of_one_name_are_asked_for_another():
+    data = [bench(1, 0, samples=300), bench(1, 0, samples=300)]
+    with pytest.raises(kf.InputError, match=r"dataset training 0.*2 of them are to find a shift.*a name of its own"):
+        calibrated(data, {"Torque": "auto"})

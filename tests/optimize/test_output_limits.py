@@ -140,3 +140,15 @@ def test_an_idle_governor_stays_below_its_limit_and_no_gains_nearby_are_better()
     assert kept.cost_after == pytest.approx(cost, rel=1e-9)
     around = [run_with(a * best[0], b * best[1]) for a in np.linspace(0.7, 1.4, 29) for b in np.linspace(0.7, 1.4, 29)]
     assert cost <= 1.001 * min(c for c, rpm in around if rpm <= 2990)
+
+
+def test_datasets_of_one_name_keep_their_limits_apart():
+    halves = [{"u": np.linspace(0, 5, 60), "z": np.full(60, 3.0)}, {"u": np.linspace(5, 10, 35), "z": np.full(35, 4.0)}]
+    data = [kf.Dataset.of("bench", columns) for columns in halves]
+    start = kf.ParameterSet([kf.Curve("C", GRID, np.zeros(11))])
+    limit = Limit("w", upper=2.5, where="u < 5")
+    for order in (data, data[::-1]):
+        found = kf.calibrate("w = C(u)", order, start, target="z", limits=[limit]).parameters["C"].values
+        assert np.interp(halves[0]["u"][:-1], GRID, found).max() <= 2.5 * (1 + FEASIBLE)
+        assert found[:3] == pytest.approx(2.5, abs=1e-4)
+        assert found[8:] == pytest.approx(4.0, abs=0.05)

@@ -5,7 +5,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.choice.prediction import GAMMA, Linearised, Prediction, minimised
+from kennfeld.optimize.choice.blocks import Block
+from kennfeld.optimize.choice.prediction import GAMMA, HELD_BACK, Linearised, Prediction, minimised
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.roughness import Roughness
 
@@ -32,7 +33,14 @@ def unit(compiled, name, axis):
     return Roughness.of(compiled.problem.parameters, compiled.values, {name: factors})
 
 
-def linearised(compiled, held=(), rows=()):
+def parts(compiled, count=4):
+    """The contributions of every fourth row each."""
+    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    picked = [(residual[i::count], jacobian[i::count]) for i in range(count)]
+    return [Block(float(r @ r), j.T @ r, j.T @ j, r.size / residual.size) for r, j in picked]
+
+
+def linearised(compiled, held=(), rows=(), blocks=()):
     values = compiled.start[: compiled.values.free]
     normal = compiled.accumulator.normal(compiled.start)
     movable = np.ones(values.size, dtype=bool)
@@ -41,12 +49,15 @@ def linearised(compiled, held=(), rows=()):
     for row, columns in enumerate(rows):
         equalities[row, list(columns)] = (0.3, 0.7)
     cost = compiled.accumulator.cost(compiled.start)
-    return Linearised(values, cost, normal.gradient.copy(), normal.matrix.copy(), movable, equalities, 200.0)
+    return Linearised(
+        values, cost, normal.gradient.copy(), normal.matrix.copy(), movable, equalities, 200.0, tuple(blocks)
+    )
 
 
-@pytest.fixture(scope="module", params=["free", "held"])
+@pytest.fixture(scope="module", params=["free", "held", "free with blocks", "held with blocks"])
 def prediction(compiled, request):
-    limits = {"free": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param]
+    limits = {"free": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param.split()[0]]
+    limits = (*limits, parts(compiled) if "blocks" in request.param else ())
     blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1)]
     return Prediction(linearised(compiled, *limits), blocks, [unit(compiled, "C", 0)])
 
@@ -77,6 +88,25 @@ def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
     found = Prediction(linearised(compiled), blocks)
     assert found.at(np.log(factors)).value == pytest.approx(expected, rel=1e-7)
     assert found.freedom(np.log(factors)) == pytest.approx(np.trace(influence), rel=1e-6)
+
+
+def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
+    """By brute force, from a fit of the rows that are left."""
+    blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1), unit(compiled, "C", 0)]
+    factors = np.array([0.5, 20.0, 3.0])
+    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    values = compiled.start[: compiled.values.free]
+    rough = np.vstack([f**0.5 * block.rows(values)[1] for f, block in zip(factors, blocks, strict=True)])
+    logarithms = []
+    for i in range(4):
+        rest = np.arange(residual.size) % 4 != i
+        rows = np.vstack([jacobian[rest], rough])
+        step = np.linalg.lstsq(rows, -np.concatenate([residual[rest], rough @ values]), rcond=None)[0]
+        error = residual[~rest] + jacobian[~rest] @ step
+        logarithms.append(np.log(error @ error))
+    alone = Prediction(linearised(compiled), blocks).at(np.log(factors)).value
+    both = Prediction(linearised(compiled, blocks=parts(compiled)), blocks).at(np.log(factors)).value
+    assert (both - (1 - HELD_BACK) * alone) / HELD_BACK == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
 
 
 def test_the_minimum_is_that_of_a_grid(prediction):

@@ -2,12 +2,15 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import LinearConstraint, lsq_linear, minimize
+from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.limits.limits import Limits, Rows
-from kennfeld.optimize.solver.quadratic import nonnegative_dual, solve
+from kennfeld.optimize.solver.dual import nonnegative_dual
+from kennfeld.optimize.solver.quadratic import solve
 
 
 def limited(lower, upper, matrix=None, target=None):
@@ -156,6 +159,19 @@ def test_an_equality_that_a_bound_decides_is_met():
     np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-9)
 
 
+@given(st.integers(1, 20), st.integers(0, 2**32 - 1))
+def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
+    random = np.random.default_rng(seed)
+    matrix, gradient = convex(size, random)
+    at, limits = some_limits(size, random, min(size - 1, 2))
+    solution = solved(matrix, gradient, at, limits)
+    there, held = solution.reached(at, limits), solution.active[:size]
+    assert np.array_equal(there[held > 0], limits.upper[held > 0])
+    assert np.array_equal(there[held < 0], limits.lower[held < 0])
+    assert np.all((there >= limits.lower) & (there <= limits.upper))
+    np.testing.assert_allclose(there, at + solution.step, atol=1e-9)
+
+
 def test_values_of_very_different_size_keep_their_bounds():
     size = np.array([1e-9, 1.0, 1e9])
     matrix, gradient = np.diag(1 / size**2), -10 / size
@@ -194,6 +210,57 @@ def test_a_row_that_no_value_enters_is_left_alone():
     limits = limited(np.full(2, -1.0), np.full(2, 1.0), np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([1e-17, 0.5]))
     step = solved(np.eye(2), np.array([-9.0, 1.0]), np.zeros(2), limits).step
     np.testing.assert_allclose(step, [1.0, -0.5], atol=1e-9)
+
+
+def test_a_row_that_no_value_enters_does_not_hide_what_the_others_need():
+    matrix = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.9], [0.0, 0.9, 1.0]])
+    m = nonnegative_dual(matrix, np.array([1e-17, 1.0, 0.5]), 1)
+    np.testing.assert_allclose(m, [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def limited_map(count, random):
+    """Limits of the slopes of a map along both axes, those around a cell depend on each other; the plane 0 keeps them.
+
+    Many touch it: there is no more room on that side.
+    """
+    grid = np.arange(count * count).reshape(count, count)
+    pairs = np.concatenate([np.stack(pair, -1).reshape(-1, 2) for pair in neighbours(grid)])
+    below, above = random.choice([0.0, 0.3, np.inf], (2, len(pairs)))
+    rows = Rows(pairs, np.tile([-1.0, 1.0], (len(pairs), 1)), -below, np.where(below == 0, above + 0.1, above))
+    return Limits(np.full(grid.size, -2.0), np.full(grid.size, 2.0), rows)
+
+
+def neighbours(grid):
+    return (grid[:-1], grid[1:]), (grid[:, :-1], grid[:, 1:])
+
+
+@given(st.integers(2, 7), st.integers(0, 2**32 - 1), st.booleans())
+def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guessed):
+    random = np.random.default_rng(seed)
+    limits = limited_map(count, random)
+    size = count * count
+    matrix, gradient = convex(size, random)
+    guess = random.integers(-1, 2, size + limits.rows.count) if guessed else None
+    assert_optimal(matrix, gradient, limits, solved(matrix, gradient, np.zeros(size), limits, guess))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_guess_of_very_many_dependent_limits_ends_at_the_optimum(seed):
+    random = np.random.default_rng([seed, 8])
+    limits = limited_map(8, random)
+    matrix, gradient = convex(64, random, 1.1)
+    guess = random.integers(-1, 2, 64 + limits.rows.count)
+    assert_optimal(matrix, gradient, limits, solved(matrix, gradient, np.zeros(64), limits, guess))
+
+
+def assert_optimal(matrix, gradient, limits, solution):
+    """The step from 0 keeps the limits, and those that are active hold against the slope."""
+    size = len(gradient)
+    assert np.all(limits.violations(solution.step, np.full(size, np.abs(solution.step).max())) <= 1e-9)
+    assert np.all(np.abs(solution.step) <= 2 + 1e-9)
+    rows = np.vstack([np.eye(size), limits.rows.matrix(np.arange(limits.rows.count), size)])
+    slope = matrix @ solution.step + gradient
+    assert nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
 
 
 def test_no_rows_have_no_multipliers():

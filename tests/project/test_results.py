@@ -29,6 +29,7 @@ class Line:
     """What results need of a project: formats, and a simulation of two datasets, one of them in time."""
 
     formats = (".dcm",)
+    surrogates = ()
 
     def simulate(self, parameters=None, shifts=None):
         steady = Dataset.of("bench", {"y": [1.0, 2.0], "Torque": [1.5, np.nan]}, units={"y": "Nm"})
@@ -105,7 +106,10 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
     assert [row["informed"] for row in rows[:6]] == ["1"] * 4 + ["0"] * 2
     assert rows[0]["unit"] == "Nm"
     told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]
-    assert list(told) == ["noise", "persistence", "freedom", "undetermined", "by_smoothness", "directions"]
+    assert list(told) == [
+        *("noise", "persistence", "freedom", "undetermined", "by_smoothness"),
+        *("directions", "holdings", "remark"),
+    ]
     assert told["undetermined"] == 2
     assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "ratio", "parameters"]
     assert told["directions"][0]["parameters"] == ["M"]
@@ -210,6 +214,7 @@ def test_an_interrupt_while_writing_leaves_the_old_files(result, tmp_path, monke
 
     class Interrupted(Line):
         formats = (".dcm",)
+        surrogates = ()
 
     def stops(*_):
         raise KeyboardInterrupt

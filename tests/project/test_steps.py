@@ -54,6 +54,22 @@ def test_numbers_may_be_given_by_parameter_and_axis(shop):
     assert step.smoothness == {"*": 1.0, "Table": (1.0, 0.5)}
 
 
+def test_smoothness_may_be_automatic_in_a_step(shop):
+    whole, some = steps(
+        shop, "smoothness = 'auto'", "grid_reduction = 2\nsmoothness = { Gain = 'auto', Table = { x = 'auto', y = 2 } }"
+    )
+    assert whole.smoothness == "auto"
+    assert some.smoothness == {"Gain": "auto", "Table": ("auto", 2.0)}
+
+
+def test_a_word_that_is_no_smoothness_of_a_step_is_refused(shop):
+    shop.add("[[step]]\nsmoothness = { Table = { x = 'automatic' } }")
+    assert (
+        "[[step]] 1 smoothness Table x: 'automatic' is no factor. Write a number from 0 on, or \"auto\"."
+        in shop.error()
+    )
+
+
 def test_criteria_may_have_weights_by_node_or_number(shop):
     shop.add("[[criterion]]\nnode = 'other'\ntarget = 3.0")
     first, second = steps(shop, "criteria = { Predict = 0.5, 2 = 1 }", "criteria = [2]")

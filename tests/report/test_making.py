@@ -49,6 +49,24 @@ def test_the_report_of_a_folder_equals_the_one_of_the_run(project, tmp_path, ope
     assert (tmp_path / "results" / "report.html").read_text(encoding="utf-8") == direct.text
 
 
+def test_the_report_of_a_folder_shows_the_shifts_that_the_run_found(shop, tmp_path, opened):
+    x = np.sin(np.arange(400) / 5.0) * (1 + np.arange(400) / 200)
+    late = np.roll(3 * x + 1, 2)
+    time = np.arange(400) * 0.1
+    toml = "[parameters.a]\ninitial = 0\n[parameters.b]\ninitial = 0\n"
+    project = shop.project("y = a + b * x\n", toml, {"time [s]": time, "x": x, "m": late})
+    text = project.path.read_text(encoding="utf-8")
+    project.path.write_text(text.replace('"bench.csv"]\n', '"bench.csv"]\nshift = { m = "auto" }\n'), encoding="utf-8")
+    project = Project.read(project.path)
+    result = project.calibrate()
+    assert result.shifts == {"bench": {"m": pytest.approx(-0.2, abs=0.02)}}
+    direct = opened(document(project, result, project.check()))
+    write(result, project, tmp_path / "results", {})
+    again = opened(from_folder(Project.read(project.path), tmp_path / "results"))
+    assert direct.figures("strip") == again.figures("strip") != []
+    assert "have changed since" not in again.words_in_a_row
+
+
 def test_parameters_come_in_the_order_of_their_change(shop, opened):
     toml = "".join(
         f"[parameters.{n}]\nx = {{ breakpoints = [0, 10] }}\ninitial = {v}\n" for n, v in (("A", 5), ("B", 5))

@@ -25,6 +25,8 @@ class Trust:
     leverage: dict = field(default_factory=dict)
     by_smoothness: dict = field(default_factory=dict)
     directions: tuple = ()
+    holdings: tuple = ()
+    remark: str = ""
     noise: float = 1.0
 
 
@@ -77,6 +79,28 @@ def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
     assert figure["samples"] == [18, 27, 0]
     assert (figure["deviation"], figure["informed"], figure["bySmoothness"]) == (None, None, None)
     assert "standardised" in page.words_in_a_row
+
+
+def test_what_limits_hold_and_a_search_that_was_cut_off_are_told(shop, opened):
+    page = opened(document(shop, Trust(holdings=("The limit y <= 2 is met.",), remark="The search was <stopped>.")))
+    assert "The limit y <= 2 is met." in page.words_in_a_row
+    assert "The search was <stopped>." in page.words_in_a_row
+
+
+def test_fitted_breakpoints_are_a_table(shop, opened, tmp_path):
+    toml = '[parameters.C]\nx = { input = "x", breakpoints = "free", begin = 0, end = 4, count = 3 }\ninitial = 1\n'
+    x = np.linspace(0, 4, 60)
+    project = shop.project("y = C(x)\n", toml, {"x": x, "m": np.abs(x - 1.3) + 0.01 * np.sin(99 * x)})
+    result = project.calibrate()
+    write(result, project, tmp_path / "results")
+    for shown in (opened(page_of(project, result)), opened(from_folder(project, tmp_path / "results"))):
+        words = shown.words_in_a_row
+        assert "Breakpoints axis breakpoint unit before after change std deviation samples" in words
+        assert f"{result.trust.deviation['C.x'][1]:.3g}" in words
+
+
+def page_of(project, result):
+    return page(subject(project, result, (), view(result.trust)))
 
 
 def test_arrays_of_another_shape_are_left_out(shop, opened):

@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from kennfeld.optimize.trust import Direction, Trust
+from kennfeld.optimize.trust import Direction, Holding, Trust
 from kennfeld.terminal.findings import left_open
 
 ONE = Direction("Scaling A by 1.01 changes nothing.", "Pin a value of A.", {}, True, 0.0, float("inf"))
@@ -21,3 +21,18 @@ def test_at_most_three_are_shown_and_the_rest_is_counted():
     _, *lines, last = left_open(Trust(directions=many))
     assert [line.split(". ")[0].strip() for line in lines] == [f"Number {i}" for i in range(3)]
     assert last == "  and 5 more; see result.json"
+
+
+def test_what_limits_of_outputs_hold_comes_last():
+    held = Holding("y <= 2", "The limit y <= 2 is met at 3 samples.", 3, 1, ("k",))
+    close = Holding("least distance of C.x", "Breakpoints 2 and 3 of C.x stand at their least distance.", 0, 1)
+    assert left_open(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
+        "What limits hold:",
+        "  The limit y <= 2 is met at 3 samples.",
+    ]
+
+
+def test_a_search_that_did_not_come_to_its_end_says_so_first():
+    assert (
+        left_open(Trust(remark="The search ended as stopped.", directions=(ONE,)))[0] == "The search ended as stopped."
+    )

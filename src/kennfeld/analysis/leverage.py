@@ -8,6 +8,7 @@ from kennfeld.analysis.lookups import Lookup, Lookups
 from kennfeld.analysis.series import Series
 from kennfeld.arrays import Float
 from kennfeld.optimize import Problem
+from kennfeld.optimize.data.weighting import sample_weights
 
 __all__ = ["sample_leverage"]
 
@@ -43,7 +44,9 @@ def sample_leverage(
 def _weight(problem: Problem, series: Series) -> Float:
     criterion = problem.criteria[series.criterion]
     weight = criterion.weight * series.bound.dataset.weight / criterion.scale**2
-    return np.where(series.scored, weight, 0.0)
+    own = sample_weights(criterion, series.bound.dataset)
+    each = weight if own is None else weight * own[series.bound.kept]
+    return np.where(series.scored, each, 0.0)
 
 
 def _share(weight: Float, of_sample: Float) -> Float:

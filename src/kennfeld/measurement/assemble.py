@@ -39,7 +39,7 @@ def _frozen(values: Float) -> Float:
 
 def checked(table: Table, selection: Selection, raster: float | None = None) -> tuple[Column | None, list[Column]]:
     """The time column, if any, and the channels; `InputError` with all findings."""
-    time = find_time(table)
+    time = find_time(table, selection.channels or ())
     channels = [c for c in table.columns if selection.includes(c.name) and _is_channel(c, time, selection)]
     found = [*table.findings, *_missing(table, selection), *_twice(table, channels)]
     needed = channels if time is None or time in channels else [time, *channels]

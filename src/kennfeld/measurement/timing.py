@@ -1,6 +1,6 @@
 """Finds the column that holds the time of the samples and turns it into seconds."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -14,19 +14,21 @@ __all__ = ["SAME", "find_time", "merge", "seconds", "time_findings"]
 SAME = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
 
 
-def find_time(table: Table) -> Column | None:
+def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
     """The time column: one that is called so, or a first column with a unit of time that rises.
 
-    A column that never changes is no time, nor is one called just `t` that falls somewhere.
+    A column that never changes is no time, nor is one called just `t` that falls somewhere. `asked` names the channels
+    that somebody wants: of these, `t` without a unit and columns of another name are channels, even if they rise.
     """
     for column in table.columns:
         named = time_unit(column.name, column.unit) is not None
         sure = column.name.casefold() != "t" or plain_unit(column.unit) not in ("", "-")
-        if named and _is_usable(column) and (sure or _rises(column.values)):
+        guessed = column.name not in asked and _rises(column.values)
+        if named and _is_usable(column) and (sure or guessed):
             return column
     first = next((name for name in table.names if name), None)
     for column in table.columns[:1]:
-        clock = column.dated or in_seconds(column.unit) is not None
+        clock = column.dated or (in_seconds(column.unit) is not None and column.name not in asked)
         if column.name == first and clock and _is_usable(column) and _rises(column.values):
             return column
     return None

@@ -3,9 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kennfeld.graph import Graph
+from kennfeld.parameters import ParameterSet
+
+if TYPE_CHECKING:  # most models call none
+    from kennfeld.surrogate import Surrogate
 
 __all__ = ["Model"]
 
@@ -21,6 +25,7 @@ class Model:
     `step` is the model's own step in s, None where the data decide. `declared` are the parameters that the source
     declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
     or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
+    `surrogates` are the data-driven models that it calls.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -34,3 +39,13 @@ class Model:
     declared: Mapping[str, int] = field(default_factory=_nothing)
     source: str = ""
     places: Mapping[str, str] = field(default_factory=_nothing)
+    surrogates: "tuple[Surrogate, ...]" = ()
+
+    @property
+    def carried(self) -> ParameterSet:
+        """The parameters that come with it: the expansions of its surrogates."""
+        if not self.surrogates:
+            return ParameterSet()
+        from kennfeld.surrogate import expansions
+
+        return expansions(self.surrogates)

@@ -2,6 +2,7 @@
 
 from kennfeld.native.accumulator import Accumulator, Normal
 from kennfeld.native.cholesky import Cholesky, Factor
+from kennfeld.native.gram import Gram
 from kennfeld.native.kernel import Kernel, Values
 from kennfeld.native.output import Loss, Output
 from kennfeld.native.samples import Piece, Samples
@@ -11,6 +12,7 @@ __all__ = [
     "Accumulator",
     "Cholesky",
     "Factor",
+    "Gram",
     "Kernel",
     "Loss",
     "Normal",

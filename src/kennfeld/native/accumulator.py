@@ -178,6 +178,8 @@ class Accumulator:
         space.tape(chunk)
 
     def _row_blocks(self, space: Workspace, run: Run) -> Iterator[tuple[Float, Float]]:
+        if not run:
+            return
         space.begin_sensitivities(run[0].first, add_start=False)
         for chunk in run:
             self._linearise(space, chunk)
@@ -200,14 +202,40 @@ class Accumulator:
                 jacobian[chunk.first * m : chunk.last * m] = j
         return residual, jacobian
 
-    def touched(self, values: Float) -> Int:
-        """For each free value, the samples whose step depends on it; without states, the scored ones among them."""
+    def rows_at(self, values: Float, visits: Int) -> Float:
+        """Rows of the Jacobian at some visits, as `rows` has them; shape (visits, outputs, free). `visits` rise."""
         values = self._visit_states(values)
-        space, found = self._workspaces[0], np.zeros(self.kernel.values.free, dtype=np.int64)
+        space, m = self._workspaces[0], len(self.kernel.outputs)
         space.use(values)
+        found = np.zeros((visits.size, m, self.kernel.values.free))
+        for run in (run for share in self._shares for run in share):
+            first, last = np.searchsorted(visits, [run[0].first, run[-1].last])
+            needed = [chunk for chunk in run if last > first and chunk.first <= visits[last - 1]]
+            for chunk, (_, jacobian) in zip(needed, self._row_blocks(space, needed), strict=True):
+                at = np.arange(*np.searchsorted(visits, [chunk.first, chunk.last]))
+                found[at] = jacobian.reshape(chunk.length, m, -1)[visits[at] - chunk.first]
+        return found
+
+    def touched(self, values: Float, owners: Int | None = None) -> Int:
+        """For each free value, the scored samples whose step depends on it.
+
+        Without states only what a scored output depends on counts. `owners` says for each sample of which scored one it
+        is a part, by number and never falling, -1 for none: a scored sample counts once for all its parts.
+        """
+        values = self._visit_states(values)
+        space, columns = self._workspaces[0], self.kernel.values.free
+        space.use(values)
+        found = np.zeros(columns, dtype=np.int64)
+        before = np.zeros(0, dtype=np.int64)
         for chunk in self.chunks:
             self._linearise(space, chunk)
-            found += space.touched(chunk, scored=not self.stateful)
+            if owners is None:
+                found += space.touched(chunk)
+                continue
+            met = space.met(chunk, owners[chunk.first : chunk.last])
+            found += np.bincount(np.setdiff1d(met, before, assume_unique=True) % columns, minlength=columns)
+            both = np.union1d(before, met)
+            before = both[both // columns == both[-1] // columns] if met.size else before
         return found
 
 

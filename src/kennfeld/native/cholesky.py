@@ -6,15 +6,16 @@ Blocks of eight rows are stored column by column, so that all work is on vectors
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, aligned
+from kennfeld.arrays import Bool, Float, Int, aligned
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
 from kennfeld.native.ir import EIGHT, LANES, Function, literal
+from kennfeld.native.panels import FACTOR, ZERO, column_of, divide, first_of, less, panel_of, reduced
 
 __all__ = ["Cholesky", "Factor"]
 
@@ -43,6 +44,20 @@ class Factor:
         made.inverse[:size] = 1 / np.diag(lower)
         return made
 
+    @classmethod
+    def part(cls, matrix: Float, which: Int, diagonal: Float) -> "Factor | None":
+        """That of some rows and columns of a symmetric matrix + diag(diagonal); None where not positive definite.
+
+        >>> matrix = np.array([[4.0, 9.0, 2.0], [9.0, 9.0, 9.0], [2.0, 9.0, 1.0]])
+        >>> factor = Factor.part(matrix, np.array([0, 2]), np.array([0.0, 0.0, 1.0]))
+        >>> factor.solve(np.array([6.0, 4.0]))
+        array([1., 1.])
+        """
+        envelope = Envelope.full(which.size)
+        made = cls(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
+        replace(made, envelope=Envelope(which, envelope.first)).load(matrix, np.ascontiguousarray(diagonal))
+        return made if made.factor() else None
+
     def load(self, matrix: Float, diagonal: Float) -> bool:
         """Take the lower triangle of matrix + diag(diagonal); whether all its non-zeros lie in the envelope."""
         counts = np.zeros(2, dtype=np.int64)
@@ -50,26 +65,26 @@ class Factor:
             matrix = np.ascontiguousarray(matrix)
         given = (matrix.ctypes.data, matrix.strides[0] // matrix.itemsize, diagonal.ctypes.data)
         order = (self.envelope.order.ctypes.data, self.envelope.size)
-        _functions()["load"](*self._pointers, *given, *order, counts.ctypes.data)
+        _functions()["load"](*self.pointers, *given, *order, counts.ctypes.data)
         return bool(counts[0] == counts[1])
 
     def factor(self) -> bool:
         """Replace what was loaded by its factor; whether it is positive definite."""
         failed = np.zeros(1, dtype=np.int64)
-        _functions()["factor"](*self._pointers, failed.ctypes.data)
+        _functions()["factor"](*self.pointers, failed.ctypes.data)
         return not failed[0]
 
     def solve_lower(self, right: Float) -> Float:
         """X of L x = P b for each row b of `right`, a vector or (rows, size); x is padded to whole blocks."""
         rows = np.zeros((*right.shape[:-1], self.inverse.size))
         rows[..., : self.envelope.size] = right[..., self.envelope.order]
-        _functions()["forward"](*self._pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
+        _functions()["forward"](*self.pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
         return rows
 
     def solve_upper(self, right: Float) -> Float:
         """X of L' P x = b for each row b of `right`, of the shape that `solve_lower` returns."""
         rows = np.array(right, dtype=np.float64, order="C")
-        _functions()["backward"](*self._pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
+        _functions()["backward"](*self.pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
         solved = np.empty((*rows.shape[:-1], self.envelope.size))
         solved[..., self.envelope.order] = rows[..., : self.envelope.size]
         return solved
@@ -78,8 +93,9 @@ class Factor:
         """X of H x = b for each row b of `right`."""
         return self.solve_upper(self.solve_lower(right))
 
-    @property
-    def _pointers(self) -> tuple[int, ...]:
+    @cached_property
+    def pointers(self) -> tuple[int, ...]:
+        """What generated code takes as `panels.FACTOR`."""
         start, first = self.envelope.start, self.envelope.first
         arrays = (self.panels, start, first, self.inverse)
         return (*(array.ctypes.data for array in arrays), self.envelope.blocks)
@@ -134,10 +150,9 @@ class Cholesky:
         return self._factor if self._factor.factor() else None
 
 
-FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
 MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))
 ROWS = (("ptr", "rows"), ("i64", "count"))
-ZERO, ONE = literal(0.0), literal(1.0)
+ONE = literal(1.0)
 
 
 @cache
@@ -145,20 +160,6 @@ def _functions() -> dict[str, Callable[..., None]]:
     written = [_load(), _factor(), _forward(), _backward()]
     engine = Engine("".join(f.text() for f in written))
     return {f.name: engine.function(f.name, f.parameters) for f in written}
-
-
-def _panel(f: Function, block: str) -> str:
-    """The address of column 0 of a block row; only those from its first on exist."""
-    return f.at("%panels", f.load("%start", block, "i64"))
-
-
-def _first(f: Function, block: str) -> str:
-    """The first column of a block row."""
-    return f.mul(f.load("%first", block, "i64"), BLOCK)
-
-
-def _column(f: Function, panel: str, column: str) -> str:
-    return f.at(panel, column, EIGHT)
 
 
 def _load() -> Function:
@@ -172,8 +173,8 @@ def _load() -> Function:
     with f.loop(0, "%blocks") as block, f.loop(0, BLOCK) as lane:
         i = f.add(f.mul(block, BLOCK), lane)
         inside = f.new(f"icmp slt i64 {i}, %size")
-        place = f.at(_panel(f, block), lane)
-        first, end = _first(f, block), f.mul(f.add(block, 1), BLOCK)
+        place = f.at(panel_of(f, block), lane)
+        first, end = first_of(f, block), f.mul(f.add(block, 1), BLOCK)
         with f.when(inside):
             source = f.load("%order", i, "i64")
             row = f.at("%matrix", f.mul(source, "%stride"))
@@ -214,48 +215,15 @@ def _factor() -> Function:
     """`factor(factor, failed)`: block row by block row, each block from those left of it."""
     f = Function("factor", [*FACTOR, ("ptr", "failed")])
     with f.loop(0, "%blocks") as i:
-        panel, first = _panel(f, i), f.load("%first", i, "i64")
+        panel, first = panel_of(f, i), f.load("%first", i, "i64")
         with f.loop(first, i) as j:
-            other = _panel(f, j)
-            later = f.new(f"call i64 @llvm.smax.i64(i64 {_first(f, i)}, i64 {_first(f, j)})")
-            rest = _reduced(f, panel, other, later, f.mul(j, BLOCK))
-            _divide(f, panel, other, j, rest)
-        rest = _reduced(f, panel, panel, _first(f, i), f.mul(i, BLOCK))
+            other = panel_of(f, j)
+            later = f.new(f"call i64 @llvm.smax.i64(i64 {first_of(f, i)}, i64 {first_of(f, j)})")
+            rest = reduced(f, panel, other, later, f.mul(j, BLOCK))
+            divide(f, panel, other, j, rest)
+        rest = reduced(f, panel, panel, first_of(f, i), f.mul(i, BLOCK))
         _factor_block(f, panel, i, rest)
     return f
-
-
-def _reduced(f: Function, panel: str, other: str, first: str, end: str) -> list[str]:
-    """The eight columns of a block, less the product of the columns from `first` on; `other` is the block column's."""
-    rest = [f.slot(EIGHT) for _ in range(BLOCK)]
-    for c, column in enumerate(rest):
-        f.store(f.load(_column(f, panel, f.add(end, c)), kind=EIGHT), column, kind=EIGHT)
-    with f.loop(first, end) as k:
-        own = f.load(_column(f, panel, k), kind=EIGHT)
-        scalars = _column(f, other, k)
-        for c, column in enumerate(rest):
-            f.store(_less(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
-    return [f.load(column, kind=EIGHT) for column in rest]
-
-
-def _less(f: Function, column: str, vector: str, scalar: str) -> str:
-    """The column less vector times scalar."""
-    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
-    return f.new(f"fsub contract {EIGHT} {column}, {product}")
-
-
-def _divide(f: Function, panel: str, other: str, j: str, rest: list[str]) -> None:
-    """Columns of the block: X L' = rest with the diagonal block L of block row j."""
-    at = f.mul(j, BLOCK)
-    done: list[str] = []
-    for c in range(BLOCK):
-        column = rest[c]
-        for d, solved in enumerate(done):
-            column = _less(f, column, solved, f.load(_column(f, other, f.add(at, d)), c))
-        scale = f.splat(f.load("%inverse", f.add(at, c)))
-        done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
-    for c, column in enumerate(done):
-        f.store(column, _column(f, panel, f.add(at, c)), kind=EIGHT)
 
 
 def _factor_block(f: Function, panel: str, i: str, rest: list[str]) -> None:
@@ -274,8 +242,8 @@ def _factor_block(f: Function, panel: str, i: str, rest: list[str]) -> None:
         f.store(inverse, "%inverse", f.add(at, c))
         rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {f.splat(inverse)}")
         for d in range(c + 1, BLOCK):
-            rest[d] = _less(f, rest[d], rest[c], f.new(f"extractelement {EIGHT} {rest[c]}, i64 {d}"))
-        f.store(rest[c], _column(f, panel, f.add(at, c)), kind=EIGHT)
+            rest[d] = less(f, rest[d], rest[c], f.new(f"extractelement {EIGHT} {rest[c]}, i64 {d}"))
+        f.store(rest[c], column_of(f, panel, f.add(at, c)), kind=EIGHT)
 
 
 def _forward() -> Function:
@@ -284,18 +252,18 @@ def _forward() -> Function:
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as i:
-            panel, at = _panel(f, i), f.mul(i, BLOCK)
+            panel, at = panel_of(f, i), f.mul(i, BLOCK)
             rest = f.slot(EIGHT)
             f.store(f.load(f.at(x, at), kind=EIGHT), rest, kind=EIGHT)
-            with f.loop(_first(f, i), at) as k:
-                column = f.load(_column(f, panel, k), kind=EIGHT)
-                f.store(_less(f, f.load(rest, kind=EIGHT), column, f.load(x, k)), rest, kind=EIGHT)
+            with f.loop(first_of(f, i), at) as k:
+                column = f.load(column_of(f, panel, k), kind=EIGHT)
+                f.store(less(f, f.load(rest, kind=EIGHT), column, f.load(x, k)), rest, kind=EIGHT)
             for c in range(BLOCK):
                 now = f.load(rest, kind=EIGHT)
                 own = f.new(f"extractelement {EIGHT} {now}, i64 {c}")
                 value = f.fmul(own, f.load("%inverse", f.add(at, c)))
                 f.store(value, x, f.add(at, c))
-                f.store(_less(f, now, f.load(_column(f, panel, f.add(at, c)), kind=EIGHT), value), rest, kind=EIGHT)
+                f.store(less(f, now, f.load(column_of(f, panel, f.add(at, c)), kind=EIGHT), value), rest, kind=EIGHT)
     return f
 
 
@@ -306,15 +274,15 @@ def _backward() -> Function:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as back:
             i = f.new(f"sub i64 {f.add('%blocks', -1)}, {back}")
-            panel, at = _panel(f, i), f.mul(i, BLOCK)
+            panel, at = panel_of(f, i), f.mul(i, BLOCK)
             for c in reversed(range(BLOCK)):
-                column = _column(f, panel, f.add(at, c))
+                column = column_of(f, panel, f.add(at, c))
                 later = [(f.load(column, d), f.load(x, f.add(at, d))) for d in range(c + 1, BLOCK)]
                 rest = f.new(f"fsub double {f.load(x, f.add(at, c))}, {f.dot(later)}")
                 f.store(f.fmul(rest, f.load("%inverse", f.add(at, c))), x, f.add(at, c))
             solved = f.load(f.at(x, at), kind=EIGHT)
-            with f.loop(_first(f, i), at) as k:
-                product = f.new(f"fmul contract {EIGHT} {f.load(_column(f, panel, k), kind=EIGHT)}, {solved}")
+            with f.loop(first_of(f, i), at) as k:
+                product = f.new(f"fmul contract {EIGHT} {f.load(column_of(f, panel, k), kind=EIGHT)}, {solved}")
                 total = f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {ZERO}, {EIGHT} {product})")
                 f.store(f.new(f"fsub double {f.load(x, k)}, {total}"), x, k)
     return f

@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
 from kennfeld.native.sweeps import VECTOR
@@ -107,15 +107,35 @@ class Workspace:
             residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
-    def touched(self, chunk: Chunk, *, scored: bool) -> Int:
-        """For each column, the samples of the tape with a slope in it; with `scored`, the slope of a scored output."""
+    def touched(self, chunk: Chunk) -> Int:
+        """For each column, the samples of the tape that count and have a slope in it.
+
+        Without states, it must be the slope of an output that counts.
+        """
         length, columns = chunk.length, self.kernel.values.free
-        slope = self.slope[:length] != 0
-        used = (slope & (self.weight[:length, None] > 0) if scored else slope).any(axis=2)
-        used &= np.arange(self.index.shape[1]) < self.count[:length, None]
+        counts = self.weight[:length] > 0
+        scored: Bool = np.any(counts, axis=1)
+        used = self._used(chunk, counts if not self.a.shape[1] else None) & scored[:, None]
         met = np.sort(np.where(used, self.index[:length], columns), axis=1)
         met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
         return np.bincount(met.ravel(), minlength=columns + 1)[:columns]
+
+    def met(self, chunk: Chunk, owners: Int) -> Int:
+        """Owner times columns plus column, for each column in which a sample of an owner from 0 on has a slope.
+
+        Sorted, each once.
+        """
+        used = self._used(chunk, None) & (owners >= 0)[:, None]
+        numbers = owners[:, None] * self.kernel.values.free + self.index[: chunk.length]
+        return np.unique(numbers[used])
+
+    def _used(self, chunk: Chunk, counts: Bool | None) -> Bool:
+        """The entries of the tape with a slope; where it is said which outputs count, with one of theirs."""
+        length = chunk.length
+        slope = self.slope[:length] != 0
+        some = (slope if counts is None else slope & counts[:, None]).any(axis=2)
+        found: Bool = some & (np.arange(self.index.shape[1]) < self.count[:length, None])
+        return found
 
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
         """S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L of there."""

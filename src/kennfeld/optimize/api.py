@@ -1,6 +1,7 @@
 """`calibrate` and `simulate` for those who write Python."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
 from kennfeld.optimize.limits.output_limits import check_limits
@@ -127,7 +129,7 @@ def problem_of(
     """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
     if isinstance(free_axes, str):
         raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
-    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start), free_axes))
+    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start, model), free_axes))
     parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
     training, scored = _datasets(data, "training"), _datasets(test, "test")
@@ -160,10 +162,11 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     >>> simulate("y = 2 * x + k", {"x": [1.0, 2.0]}, {"k": 1.0})["y"].values
     array([3., 5.])
     """
-    values = _parameters(parameters)
+    values = _parameters(parameters, model)
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
     dataset = data if isinstance(data, Dataset) else Dataset.of("data", data)
     findings = missing(ready.graph, [dataset], values, channels or {})
+    findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
     if findings:
         raise InputError(findings)
     return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
@@ -182,13 +185,14 @@ def resolved(model: Model, parameters: ParameterSet) -> Model:
         return b.node(op, args, payload)
 
     made = rewrite(model.graph, resolve)
-    return Model(made, model.name, model.step, model.declared, model.source, model.places)
+    return replace(model, graph=made)
 
 
-def _parameters(given: Start) -> ParameterSet:
-    if isinstance(given, ParameterSet):
-        return given
-    return ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
+def _parameters(given: Start, model: Model | str) -> ParameterSet:
+    """The parameters as a set, with those that the model brings along."""
+    if not isinstance(given, ParameterSet):
+        given = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
+    return model.carried.merged(given) if isinstance(model, Model) else given
 
 
 def _told_apart(
@@ -251,8 +255,6 @@ def _is_shift(given: Any) -> bool:
 
 
 def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
-    from dataclasses import replace
-
     several = isinstance(given, Sequence) and not isinstance(given, Mapping)
     parts: Sequence[Data] = given if several else [given]  # type: ignore[assignment,list-item]
     return [
@@ -272,6 +274,7 @@ def _output(model: Model, node: str | None) -> str:
 
 def _check(problem: Problem) -> None:
     findings = missing(problem.model.graph, problem.datasets, problem.parameters, problem.channels)
+    findings += step_findings(problem.model, problem.datasets, problem.model.step, lambda d: f"dataset {d.name}")
     for name in problem.channels:
         if name not in problem.model.graph.inputs:
             mend = nearest(name, problem.model.graph.inputs)

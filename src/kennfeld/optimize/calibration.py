@@ -272,7 +272,8 @@ class Run:
         """What tells the trust in the values, where there is anything to trust."""
         if end.status == "infeasible" or not informed:
             return None
-        return Inspection(self.problem, end.values, informed, self.exact, self.scorer)
+        given = (self.problem, end.values, informed, self.exact, self.scorer)
+        return Inspection(*given, outputs=lambda: self.outputs, status=end.status)
 
     def _informed(self, end: Descent) -> Mapping[str, Bool]:
         """For each free parameter, the values that the cost depends on, at the end or on the way there."""

@@ -129,7 +129,11 @@ class Result:
         """What the data determine of the free values; computed when it is first asked for."""
         from kennfeld.optimize.trust import Trust
 
-        return Trust() if self.inspection is None else self.inspection.trust
+        if self.inspection is not None:
+            return self.inspection.trust
+        ended = self.status in ("infeasible", "failed")
+        nothing = f"The search ended as {self.status}: nothing is known of how far its values can be trusted."
+        return Trust(remark=nothing if ended else "")
 
     @property
     def converged(self) -> bool:

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.limits.output_limits import channels_of, check_limits
 from kennfeld.optimize.limits.projection import infeasible
 from kennfeld.parameters import ParameterSet
@@ -25,7 +27,11 @@ from kennfeld.project.method import method_findings
 from kennfeld.project.samples import sample_findings, settling_findings, weight_channels
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import build_steps
+from kennfeld.project.surrogates import read_surrogates
 from kennfeld.project.tables import Tables, build_tables
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate import Surrogate
 
 __all__ = ["Assembly", "assemble"]
 
@@ -67,12 +73,14 @@ class _Assembling:
         self.findings: list[Finding] = []
         self.loaded = Loaded()
         self.function: Function | None = None
+        self.surrogates: tuple[Surrogate, ...] = ()
 
     def problem(self) -> Problem | None:
         """The problem, or None where a finding is an error."""
         file, findings = self.file, self.findings
         calculated = read_calculated(file, findings)
-        initial = read_initial(file, findings)
+        self.surrogates = read_surrogates(file, findings)
+        initial = self._with_surrogates(read_initial(file, findings))
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, complete=initial is not None)
         self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
@@ -97,6 +105,18 @@ class _Assembling:
         findings += method_findings(file, problem)
         findings += sample_findings(file, problem, self.loaded)
         return None if self.failed else self._feasible(self._locked(problem, tables))
+
+    def _with_surrogates(self, initial: ParameterSet | None) -> ParameterSet | None:
+        """The initial parameters with the expansions of the surrogates, which no calibration changes."""
+        for surrogate in self.surrogates:
+            if surrogate.name in self.file.parameters or surrogate.name in (initial or ()):
+                what = f"{surrogate.name} is a parameter too"
+                self._report(f"[surrogates] {surrogate.name}", what, "Give the surrogate another name.")
+        if initial is None or not self.surrogates:
+            return initial
+        from kennfeld.surrogate import expansions
+
+        return expansions(self.surrogates).merged(initial)
 
     def _feasible(self, problem: Problem) -> Problem | None:
         """The problem, None where its limits contradict each other."""
@@ -132,9 +152,14 @@ class _Assembling:
 
     def _function(self, known: list[str], *, complete: bool) -> Function | None:
         """The function; what it looks up and nobody defines is found only when all initial files could be read."""
-        function = read_function(self.file, known, self.findings)
+        if len(self.surrogates) < len(self.file.surrogates):
+            return None  # what calls a missing one would seem wrong
+        function = read_function(self.file, known, self.surrogates, self.findings)
         if function is None:
             return None
+        for surrogate in self.surrogates:
+            if surrogate.name not in function.graph.parameters:
+                self._report(f"[surrogates] {surrogate.name}", "the function does not call it", warning=True)
         lacking = undefined(function, known) if complete else []
         self.findings += lacking
         for name in self.file.parameters:
@@ -199,6 +224,10 @@ class _Assembling:
         if self.function is None:
             return
         self.findings += settling_findings(self.function.graph, self.loaded)
+        places = self.loaded.places
+        self.findings += step_findings(
+            self.function.model, self.loaded.datasets, self._step(), lambda data: places[data.name]
+        )
         if not uses_clock(self.function.graph):
             return
         for data in self.loaded.datasets:

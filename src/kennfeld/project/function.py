@@ -4,6 +4,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph import Graph
@@ -13,6 +14,9 @@ from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.formula.source import Source
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate import Surrogate
 
 __all__ = ["Function", "coordinates_of", "read_function", "undefined"]
 
@@ -47,27 +51,29 @@ class Function:
         return self.model.places.get(name, self.model.source)
 
 
-def read_function(file: ProjectFile, known: Collection[str], findings: list[Finding]) -> Function | None:
+def read_function(
+    file: ProjectFile, known: Collection[str], surrogates: "Collection[Surrogate]", findings: list[Finding]
+) -> Function | None:
     """The model of the project; None, and findings, where it cannot be read. `known` are the parameters' names."""
     if not file.model.file or not _is_readable(file, findings):
         return None
     try:
-        model = _read(file.folder / file.model.file, known)
+        model = _read(file.folder / file.model.file, known, surrogates)
     except InputError as error:
         findings += error.findings
         return None
     return Function(_extended(model, file, findings), model.graph.inputs)
 
 
-def _read(path: Path, known: Collection[str]) -> Model:
+def _read(path: Path, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:
     """The model; parameters that nobody defines are looked up all the same, so that `undefined` can report them."""
     try:
-        return read(path, known)
+        return read(path, known, surrogates)
     except InputError as error:
-        assumed = _assumed(path, known)
+        assumed = _assumed(path, [*known, *(surrogate.name for surrogate in surrogates)])
         if not assumed:
             raise error from None
-    return read(path, [*known, *assumed])
+    return read(path, [*known, *assumed], surrogates)
 
 
 def _assumed(path: Path, known: Collection[str]) -> list[str]:

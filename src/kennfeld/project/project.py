@@ -66,6 +66,11 @@ class Project:
         )
 
     @property
+    def surrogates(self) -> tuple[str, ...]:
+        """The names of its data-driven models."""
+        return tuple(self.file.surrogates)
+
+    @property
     def seconds_read(self) -> float:
         """How long reading model, data and calibration files took; 0 before they are needed."""
         return self._assembly.seconds if "_assembly" in self.__dict__ else 0.0

@@ -4,7 +4,7 @@ import csv
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields
 from pathlib import Path
@@ -32,6 +32,10 @@ class Simulated(Protocol):
     def formats(self) -> Sequence[str]:
         """File endings of the calibration formats asked for, such as `.dcm`."""
 
+    @property
+    def surrogates(self) -> Collection[str]:
+        """The data-driven models, which have files of their own."""
+
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
     ) -> list[Dataset]:
@@ -49,7 +53,7 @@ def write(
     simulation = project.simulate(result.parameters, result.shifts)
     with _written_beside(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
-            write_parameters(result.parameters, scratch / f"parameters{ending}")
+            write_parameters(_without(result.parameters, project.surrogates), scratch / f"parameters{ending}")
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
@@ -61,6 +65,12 @@ def write(
         ]
         _move(names, scratch, target)
     return tuple(target / name for name in names)
+
+
+def _without(parameters: ParameterSet, names: Collection[str]) -> ParameterSet:
+    if not names:
+        return parameters
+    return ParameterSet((p for p in parameters.parameters if p.name not in names), parameters.texts, parameters.axes)
 
 
 def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:

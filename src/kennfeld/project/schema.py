@@ -218,7 +218,7 @@ class StepEntry:
     name: str = ""
     free: tuple[str, ...] | None = None
     lock: Mapping[str, Lock] | None = None
-    smoothness: float | Mapping[str, float | Mapping[str, float]] | None = None
+    smoothness: Factor | Mapping[str, Factor | Mapping[str, Factor]] | None = None
     grid_reduction: float | Mapping[str, float | Mapping[str, float]] | None = None
     criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = None
     max_iterations: int | None = None
@@ -244,6 +244,7 @@ class ProjectFile:
     limits: tuple[LimitEntry, ...] = ()
     equalities: tuple[EqualityEntry, ...] = ()
     steps: tuple[StepEntry, ...] = ()
+    surrogates: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -22,7 +22,7 @@ from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import read_toml
 
-__all__ = ["read_project"]
+__all__ = ["read_datasets", "read_project"]
 
 _LATER_FORMATS = ("cdfx", "hex", "s19")
 
@@ -37,7 +37,7 @@ def read_project(path: Path) -> ProjectFile:
         model=_model(root),
         channels=root.text_table("channels"),
         calculated=root.text_table("calculated"),
-        datasets=_datasets(root),
+        datasets=read_datasets(root),
         calibration=_calibration(root),
         axes={name: group_axis(name, section) for name, section in root.named("axes").items()},
         parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
@@ -46,6 +46,7 @@ def read_project(path: Path) -> ProjectFile:
         limits=tuple(limit_entry(section) for section in root.sections("limit")),
         equalities=tuple(equality_entry(section) for section in root.sections("equality")),
         steps=steps(root),
+        surrogates=root.text_table("surrogates"),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
     _end(root)
@@ -57,7 +58,7 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
-    more = ("limit", "equality", "optimizer", "step")
+    more = ("limit", "equality", "optimizer", "step", "surrogates")
     for key, value in root.values.items():
         if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
@@ -77,7 +78,9 @@ def _model(root: Section) -> ModelEntry:
     return ModelEntry(file, step)
 
 
-def _datasets(root: Section) -> tuple[DatasetEntry, ...]:
+def read_datasets(root: Section) -> tuple[DatasetEntry, ...]:
+    """The entries of `[[dataset]]`, of which there has to be one."""
+    """The entries of `[[dataset]]`; there has to be one."""
     sections = root.sections("dataset")
     if not sections and "dataset" not in root.values:
         root.report("[[dataset]]", "the section is missing", 'Write [[dataset]] and files = ["..."].')

@@ -1,12 +1,16 @@
 """`[[step]]` of a project file."""
 
-from typing import Any
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
 
 from kennfeld.project.schema import DIRECTIONS, Lock, StepEntry
 from kennfeld.project.section import Section
-from kennfeld.project.table_sections import read_lock
+from kennfeld.project.table_sections import read_factor, read_lock
 
 __all__ = ["steps"]
+
+Value = TypeVar("Value")
 
 
 def steps(root: Section) -> tuple[StepEntry, ...]:
@@ -21,8 +25,8 @@ def _step(section: Section) -> StepEntry:
         name=section.text("name"),
         free=section.texts("free") if section.has("free") else None,
         lock=_locks(section),
-        smoothness=_by_axis(section, "smoothness", whole=False),
-        grid_reduction=_by_axis(section, "grid_reduction", whole=True),
+        smoothness=_by_axis(section, "smoothness", read_factor),
+        grid_reduction=_by_axis(section, "grid_reduction", partial(Section.whole, default=1, least=1)),
         criteria=_criteria(section),
         max_iterations=section.whole("max_iterations", 0, 1) or None,
         tolerance=section.number("tolerance", 0.0, 0.0, above=True) or None,
@@ -40,27 +44,25 @@ def _locks(section: Section) -> dict[str, Lock]:
     return {name: read_lock(inner, name) for name in inner.values} if inner else {}
 
 
-def _by_axis(section: Section, key: str, *, whole: bool) -> float | dict[str, float | dict[str, float]] | None:
-    """A number for all tables, or by parameter a number, or one an axis."""
+def _by_axis(
+    section: Section, key: str, read: Callable[[Section, str], Value]
+) -> Value | dict[str, Value | dict[str, Value]] | None:
+    """A value for all tables, or by parameter a value, or one an axis."""
     given = section.get(key)
     if given is None:
         return None
     if not isinstance(given, dict):
-        return _number(section, key, whole=whole)
+        return read(section, key)
     inner = Section(given, f"{section.place} {key}", section.findings)
-    found: dict[str, float | dict[str, float]] = {}
+    found: dict[str, Value | dict[str, Value]] = {}
     for name, value in given.items():
         if isinstance(value, dict):
             axes = Section(value, f"{inner.place} {name}", section.findings)
-            found[name] = {axis: _number(axes, axis, whole=whole) for axis in DIRECTIONS if axes.has(axis)}
+            found[name] = {axis: read(axes, axis) for axis in DIRECTIONS if axes.has(axis)}
             axes.end()
         else:
-            found[name] = _number(inner, name, whole=whole)
+            found[name] = read(inner, name)
     return found
-
-
-def _number(section: Section, key: str, *, whole: bool) -> float:
-    return section.whole(key, 1, 1) if whole else section.number(key, 0.0, 0.0)
 
 
 def _criteria(section: Section) -> tuple[str | int, ...] | dict[str | int, float] | None:

@@ -9,7 +9,7 @@ from kennfeld.project.limit_sections import shape_ranges
 from kennfeld.project.schema import DIRECTIONS, AxisEntry, Factor, Freedom, Lock, ParameterEntry, PinEntry, Range
 from kennfeld.project.section import Section, array
 
-__all__ = ["group_axis", "parameter_entry", "read_lock"]
+__all__ = ["group_axis", "parameter_entry", "read_factor", "read_lock"]
 
 _MOST_POINTS = 100_000
 _WAYS = "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
@@ -202,13 +202,14 @@ def _smoothness(section: Section) -> Factor | dict[str, Factor] | None:
         return None
     if isinstance(given, dict):
         inner = Section(given, f"{section.place} smoothness", section.findings)
-        factors = {key: _factor(inner, key) for key in DIRECTIONS if inner.has(key)}
+        factors = {key: read_factor(inner, key) for key in DIRECTIONS if inner.has(key)}
         inner.end()
         return factors
-    return _factor(section, "smoothness")
+    return read_factor(section, "smoothness")
 
 
-def _factor(section: Section, key: str) -> Factor:
+def read_factor(section: Section, key: str) -> Factor:
+    """A factor of smoothness: a number from 0 on, or "auto"."""
     given = section.get(key)
     if isinstance(given, str):
         if given != "auto":

@@ -1,15 +1,16 @@
 """The trust in each value as a table for a spreadsheet."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.trust import Trust
-from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["COLUMNS", "write_trust"]
 
@@ -22,24 +23,35 @@ MANY = 2000  # values up to which the leverage is computed: its cost grows with 
 
 
 def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
-    """Write a line for each free value; what is not known stays empty."""
+    """Write a line for each free value, breakpoints last; what is not known stays empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         leverage = trust.leverage if sum(a.size for a in trust.deviation.values()) <= MANY else {}
         for name in trust.deviation:
-            writer.writerows(_lines(trust, parameters[name], leverage.get(name)))
+            writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
 
 
-def _lines(trust: Trust, table: Parameter, leverage: Float | None) -> Iterator[list[Any]]:
-    name = table.name
-    for at in np.ndindex(table.values.shape):
-        place = [float(axis.breakpoints[i]) for axis, i in zip(table.index_axes, at, strict=True)]
+def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[Float]]:
+    """The values of a parameter, their unit, and its breakpoints; those of an axis are numbered."""
+    if name in parameters:
+        table = parameters[name]
+        return table.values, table.unit, [axis.breakpoints for axis in table.index_axes]
+    place = next(axis.places[0] for key, axis in free_axes(parameters).items() if name in (str(key), f"axis {key}"))
+    axis = parameters[place[0]].axes[place[1]]
+    return axis.breakpoints, axis.unit, [np.arange(1.0, len(axis) + 1)]
+
+
+def _lines(
+    trust: Trust, name: str, values: Float, unit: str, breakpoints: Sequence[Float], leverage: Float | None
+) -> Iterator[list[Any]]:
+    for at in np.ndindex(values.shape):
+        place = [float(points[i]) for points, i in zip(breakpoints, at, strict=True)]
         yield [
             name,
             *(place + [""] * (len(AXES) - len(place))),
-            float(table.values[at]),
-            table.unit,
+            float(values[at]),
+            unit,
             *(_number(array[at]) for array in (trust.deviation[name], trust.scatter[name])),
             int(trust.samples[name][at]),
             "" if leverage is None else _number(leverage[at]),

@@ -289,6 +289,7 @@ def _parameters(subject: Subject, pictures: Pictures) -> tuple[Html, list[tuple[
         ),
         _overview(tables) if tables else None,
         [element("h4", "Scalars"), _scalar_table(scalars)] if scalars else None,
+        _breakpoints(subject),
         cards,
         details(f"{len(fixed)} parameters were kept", _fixed_table(subject, fixed)) if fixed else None,
     )
@@ -342,6 +343,29 @@ def _scalar_table(changes: Sequence[Change]) -> Html:
             ]
         )
     return table(head, rows, words=2, class_="wide")
+
+
+def _breakpoints(subject: Subject) -> list[Html] | None:
+    """Those that were fitted, with how far they can be trusted."""
+    trust, rows = subject.trust, []
+    for key, axis in subject.problem.free_axes.items() if subject.result is not None else ():
+        name = f"axis {key}" if str(key) in subject.problem.parameters else str(key)
+        place, which = axis.places[0]
+        after = subject.parameters[place].axes[which].breakpoints
+        if after.size != len(axis.axis):
+            continue
+        deviation, samples = trust.deviation.get(name), trust.samples.get(name)
+        for i, (old, new) in enumerate(zip(axis.axis.breakpoints, after, strict=True)):
+            known = deviation is not None and np.size(deviation) == after.size
+            rows.append(
+                [
+                    *(name, str(i + 1), axis.axis.unit or MISSING, shown(old, 6), shown(new, 6), shown(new - old)),
+                    _deviation(float(deviation[i])) if known and deviation is not None else MISSING,
+                    MISSING if samples is None or np.size(samples) != after.size else str(int(samples[i])),
+                ]
+            )
+    head = ["axis", "breakpoint", "unit", "before", "after", "change", "std deviation", "samples"]
+    return [element("h4", "Breakpoints"), table(head, rows, words=1, class_="wide")] if rows else None
 
 
 def _deviation(value: float) -> str:
@@ -404,6 +428,7 @@ def _undetermined(subject: Subject) -> Html:
     nothing = "Every value is informed by training data." if not rows else None
     return element(
         "div",
+        _note(trust.remark) if trust.remark else None,
         element("ul", lines, class_="directions") if lines else None,
         table(head, rows, class_="wide") if rows else None,
         _note(nothing) if nothing else None,
@@ -433,10 +458,11 @@ def _limits(subject: Subject) -> Html:
             rows.append([c.name, "locked", str(len(at)), _places(c.after, at)])
     rows += _linear(subject)
     outputs = _outputs(subject)
-    if not rows and not outputs:
+    held = [element("li", sentence) for sentence in subject.trust.holdings]
+    if not rows and not outputs and not held:
         return _note("No value lies at a bound, and nothing is locked or pinned.")
     linear = table(["parameter", "limit", "values", "where"], rows, words=4, class_="where") if rows else None
-    return element("div", linear, outputs)
+    return element("div", linear, outputs, element("ul", held, class_="directions") if held else None)
 
 
 def _linear(subject: Subject) -> Iterator[list[str]]:

@@ -82,7 +82,14 @@ def _result(found: Any, start: ParameterSet, parameters: ParameterSet, trace: tu
         fixed_values=found["values"]["fixed"],
         seconds=Seconds(**{field.name: found["seconds"].get(field.name, 0.0) for field in fields(Seconds)}),
         starts=tuple(_start(row) for row in found.get("starts", ())),
+        smoothness=_by_name(found, "smoothness"),
+        shifts=_by_name(found, "shifts"),
     )
+
+
+def _by_name(found: Any, key: str) -> dict[str, dict[str, float]]:
+    """What a run chose, by table and axis or by dataset and channel; results of older versions have none."""
+    return {name: {inner: float(value) for inner, value in given.items()} for name, given in found.get(key, {}).items()}
 
 
 def _start(row: Any) -> StartResult:

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -25,19 +25,23 @@ def stored_trust(folder: Path, parameters: ParameterSet) -> TrustView:
     What a report says without them is right all the same, so nothing is raised.
     """
     try:
-        return TrustView(directions=tuple(_directions(folder / "result.json")), **_tables(folder, parameters))
+        return TrustView(**_said(folder / "result.json"), **_tables(folder, parameters))
     except (OSError, ValueError, KeyError, TypeError):
         return TrustView()
 
 
-def _directions(path: Path) -> Iterator[Direction]:
+def _said(path: Path) -> dict[str, Any]:
+    """What stands there in words."""
     trust = json.loads(path.read_text(encoding="utf-8")).get("trust") or {}
-    for entry in trust.get("directions", []):
-        yield Direction(entry["sentence"], entry["remedy"])
+    return {
+        "directions": tuple(Direction(entry["sentence"], entry["remedy"]) for entry in trust.get("directions", [])),
+        "holdings": tuple(entry["sentence"] for entry in trust.get("holdings", [])),
+        "remark": trust.get("remark", ""),
+    }
 
 
 def _tables(folder: Path, parameters: ParameterSet) -> dict[str, Any]:
-    """An array for each column and parameter that the table is complete for."""
+    """An array for each column and parameter that the table is complete for, and for each axis in it."""
     path = folder / "trust.csv"
     if not path.is_file():
         return {}
@@ -46,9 +50,10 @@ def _tables(folder: Path, parameters: ParameterSet) -> dict[str, Any]:
     found: dict[str, dict[str, Any]] = {column: {} for column in COLUMNS}
     for name, group in groupby(rows, key=lambda row: row["parameter"]):
         lines = list(group)
-        if name in parameters and parameters[name].size == len(lines):
+        shape = parameters[name].values.shape if name in parameters else (len(lines),)
+        if int(np.prod(shape)) == len(lines):
             for column in COLUMNS:
-                values = _column(lines, column).reshape(parameters[name].values.shape)
+                values = _column(lines, column).reshape(shape)
                 if not np.isnan(values).all():
                     found[column][name] = _typed(column, values)
     return found

@@ -23,7 +23,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class TrustView:
-    """The parts of a trust that are known, by parameter; what is not known is empty."""
+    """The parts of a trust that are known, by parameter or axis of free breakpoints; what is not known is empty."""
 
     informed: Mapping[str, Bool] = field(default_factory=dict)
     samples: Mapping[str, Int] = field(default_factory=dict)
@@ -31,6 +31,8 @@ class TrustView:
     leverage: Mapping[str, Float] = field(default_factory=dict)
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
     directions: tuple[Direction, ...] = ()
+    holdings: tuple[str, ...] = ()  # limits that are met and what they hold, a sentence each
+    remark: str = ""
 
 
 def view(trust: Any) -> TrustView:
@@ -41,7 +43,10 @@ def view(trust: Any) -> TrustView:
         return TrustView(informed=trust)
     found = getattr(trust, "directions", ())
     directions = tuple(Direction(str(d.sentence), str(getattr(d, "remedy", ""))) for d in found)
+    holdings = tuple(str(holding) for holding in getattr(trust, "holdings", ()))
+    remark = str(getattr(trust, "remark", ""))
     values = sum(np.size(array) for array in (getattr(trust, "deviation", None) or {}).values())
     parts = ["informed", "samples", "deviation", "by_smoothness", *(["leverage"] if values <= MANY else [])]
     known = {name: getattr(trust, name, None) for name in parts}
-    return TrustView(directions=directions, **{n: v for n, v in known.items() if isinstance(v, Mapping)})
+    arrays: dict[str, Any] = {name: value for name, value in known.items() if isinstance(value, Mapping)}
+    return TrustView(directions=directions, holdings=holdings, remark=remark, **arrays)

@@ -16,6 +16,8 @@ from kennfeld.models import Model
 from kennfeld.models import formula as formulas
 from kennfeld.project import Project
 from kennfeld.project.method import listed
+from kennfeld.surrogate import DynamicSurrogate, read_surrogate, recognises_surrogate
+from kennfeld.terminal.surrogates import described, quality_table
 from kennfeld.terminal.table import aligned
 
 __all__ = ["Contents", "contents"]
@@ -57,6 +59,8 @@ def contents(path: str | Path) -> Contents:
     kind, head = _sniffed(file)
     if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
         return _project(file)
+    if recognises_surrogate(head):
+        return _surrogate(file)
     if file.suffix.lower() == ".kf":
         return _formula(file, formulas.read(file))
     if kind in _CALIBRATIONS or (kind is Kind.CSV and recognises_dcm(head)):
@@ -126,6 +130,23 @@ def _calibration(found: calfiles.CalibrationFile) -> Contents:
         "remarks": [str(remark) for remark in found.remarks],
     }
     return Contents(summary, [rows, axes, texts], [str(remark) for remark in found.remarks], _plain(as_json))
+
+
+def _surrogate(file: Path) -> Contents:
+    made = read_surrogate(file)
+    as_json = {
+        "content": "surrogate",
+        "file": file.name,
+        "name": made.name,
+        "inputs": list(made.inputs),
+        "output": made.output,
+        "centres": made.expansion.size,
+        "quality": [asdict(line) for line in made.quality],
+    }
+    if isinstance(made, DynamicSurrogate):
+        as_json |= {"step": made.step, "lags": made.lags, "output_lags": made.output_lags, "stability": made.stability}
+    notes = [made.stability] if isinstance(made, DynamicSurrogate) and made.stability else []
+    return Contents(f"{file.name}: a surrogate, {described(made)}", [quality_table(made)], notes, _plain(as_json))
 
 
 def _formula(file: Path, model: Model) -> Contents:

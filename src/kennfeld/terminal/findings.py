@@ -1,16 +1,28 @@
 """What a result leaves open, in a few lines."""
 
+from collections.abc import Sequence
+
 from kennfeld.optimize.trust import Trust
 
 __all__ = ["left_open"]
 
-MOST = 3  # lines
+MOST = 3  # lines of a kind
 
 
 def left_open(trust: Trust) -> list[str]:
-    """The worst directions that the data do not determine, a line each under a heading; nothing where there is none."""
-    found = trust.directions
-    if not found:
-        return []
+    """The worst directions that the data do not determine, and what limits of outputs hold, a line each.
+
+    Each kind under a heading; nothing where there is none. A search that did not come to its end says so first.
+    """
+    remark = [trust.remark] if trust.remark else []
+    outputs = [holding for holding in trust.holdings if holding.samples]  # the message tells of breakpoints
+    return [
+        *remark,
+        *_listed("What the data leave open:", trust.directions),
+        *_listed("What limits hold:", outputs),
+    ]
+
+
+def _listed(heading: str, found: Sequence[object]) -> list[str]:
     more = [f"  and {len(found) - MOST} more; see result.json"] if len(found) > MOST else []
-    return ["What the data leave open:", *(f"  {direction}" for direction in found[:MOST]), *more]
+    return [heading, *(f"  {one}" for one in found[:MOST]), *more] if found else []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repetitions import repeated
+from repetitions import agree, repeated
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
@@ -31,27 +31,6 @@ def product(*, count=400, map_bounds=(-np.inf, np.inf), locked=False, curve_uppe
     data = kf.Dataset.of("d", {"x": x, "y": y, "z": z, "t": clean + rng.normal(0, NOISE, count)})
     model = kf.formula(TEXT, parameters=list(truth))
     return Problem(model, (data,), truth, (kf.Criterion("m", "t"),), **arguments), truth
-
-
-def agree(covariance, ends):
-    """Whether values scatter with a covariance: each variance, and all mixtures of values, within sampling error."""
-    deviation = np.sqrt(np.diag(covariance))
-    moving = deviation > 0
-    assert np.std(ends[:, ~moving], axis=0) == pytest.approx(0.0, abs=1e-6)
-    count, size = len(ends), int(moving.sum())
-    units = deviation[moving]
-    ratio = np.var(ends[:, moving], axis=0, ddof=1) / units**2
-    spread = np.sqrt(2 / count)
-    assert ratio.mean() == pytest.approx(1.0, abs=0.08)
-    assert np.all(np.abs(ratio - 1) < 4.5 * spread), ratio
-    values, vectors = np.linalg.eigh(covariance[np.ix_(moving, moving)] / np.outer(units, units))
-    kept = values > 1e-9 * values[-1]
-    mixtures = (ends[:, moving] / units) @ (vectors[:, kept] / np.sqrt(values[kept]))
-    found = np.linalg.eigvalsh(np.cov(mixtures.T))
-    edge = np.sqrt(kept.sum() / count)  # of Marchenko and Pastur
-    assert (1 - edge) ** 2 * 0.8 < found[0]
-    assert found[-1] < (1 + edge) ** 2 * 1.2
-    return size
 
 
 def draw(rng, count):

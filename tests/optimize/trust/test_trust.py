@@ -153,6 +153,7 @@ def test_a_fit_that_failed_has_no_trust():
     result = kf.calibrate("m = log(a) * x", {"x": [1.0, 2.0], "y": [1.0, 2.0]}, {"a": -1.0}, target="y")
     assert result.status == "failed"
     trust = result.trust
+    assert trust.remark == "The search ended as failed: nothing is known of how far its values can be trusted."
     assert (dict(trust.deviation), dict(trust.leverage), trust.directions) == ({}, {}, ())
     assert trust.covariance().shape == (0, 0)
     assert json.dumps(trust.as_json(), allow_nan=False)
@@ -180,6 +181,29 @@ def test_a_fit_that_was_stopped_has_its_trust():
     result = fit("m = M(x, z)^3", progress=stop)
     assert result.status == "stopped"
     assert np.all(result.trust.deviation["M"] > 0)
+    assert result.trust.remark.startswith("The search ended as stopped. By the slopes at its end a value would still ")
+    assert f"{result.trust.estimate.distance:.2g} standard deviations" in result.trust.remark
+    assert result.trust.estimate.distance > 1
+    assert result.trust.as_json()["remark"] == result.trust.remark
+    assert str(result.trust).startswith(result.trust.remark)
+
+
+def test_a_search_cut_off_close_to_its_end_says_how_close():
+    result = fit(options=kf.Options(max_iterations=1, continuation="off"))
+    assert result.status == "max_iterations"
+    assert "would still move by next to nothing" in result.trust.remark
+    assert fit().trust.remark == ""
+
+
+def test_a_start_that_contradicts_the_limits_has_no_trust():
+    pins = [kf.Pin("M", (1.0, 1.0), 1.0), kf.Pin("M", (1.0, 1.0), 2.0)]
+    result = fit(pins=pins)
+    assert result.status == "infeasible"
+    trust = result.trust
+    assert (dict(trust.deviation), trust.directions, trust.holdings) == ({}, (), ())
+    assert trust.remark == "The search ended as infeasible: nothing is known of how far its values can be trusted."
+    told = trust.as_json()
+    assert (told["freedom"], told["undetermined"], told["by_smoothness"]) == (None, None, None)
 
 
 def test_it_survives_being_sent_to_another_process():

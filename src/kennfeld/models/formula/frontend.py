@@ -4,11 +4,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from kennfeld.errors import InputError
 from kennfeld.graph import Graph
 from kennfeld.models.formula.build import build
-from kennfeld.models.formula.functions import Loom
+from kennfeld.models.formula.functions import Function, Loom
 from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import Keys, parse, parse_expression
 from kennfeld.models.formula.source import Source, split
@@ -16,24 +17,34 @@ from kennfeld.models.formula.states import merged
 from kennfeld.models.formula.syntax import Declaration, Definition, Statement, Step, Token
 from kennfeld.models.model import Model
 
+if TYPE_CHECKING:
+    from kennfeld.surrogate import Surrogate
+
 __all__ = ["expression", "extend", "formula", "read"]
 
 
-def formula(text: str, name: str = "formula", parameters: Collection[str] | None = None) -> Model:
+def formula(
+    text: str,
+    name: str = "formula",
+    parameters: Collection[str] | None = None,
+    surrogates: "Collection[Surrogate]" = (),
+) -> Model:
     """The model that a formula text describes.
 
     `parameters` are the names of the known parameters. Without them, what is called like a function is a table,
-    and a bare name is an input unless the text declares it as `scalar`.
+    and a bare name is an input unless the text declares it as `scalar`. `surrogates` are called by their names.
     Raises `InputError` with every finding of the text.
 
     >>> model = formula("y[Nm] = Gain(n) * 2 + prev(y, 0)")
     >>> model.graph.inputs, dict(model.graph.parameters), len(model.graph.states)
     (('n',), {'Gain': 1}, 1)
     """
-    return _model(Source.of_text(name, text), name, "formula", parameters)
+    return _model(Source.of_text(name, text), name, "formula", parameters, surrogates)
 
 
-def read(path: str | Path, parameters: Collection[str] | None = None) -> Model:
+def read(
+    path: str | Path, parameters: Collection[str] | None = None, surrogates: "Collection[Surrogate]" = ()
+) -> Model:
     """The model in a `.kf` file (UTF-8); raises `InputError` like `formula`, and where the file is no text."""
     path = Path(path)
     if path.suffix.casefold() != ".kf":
@@ -42,7 +53,8 @@ def read(path: str | Path, parameters: Collection[str] | None = None) -> Model:
         content = path.read_bytes()
     except OSError as error:
         raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
-    return _model(Source.of_text(path.name, _decoded(content, path)), path.stem, str(path), parameters)
+    source = Source.of_text(path.name, _decoded(content, path))
+    return _model(source, path.stem, str(path), parameters, surrogates)
 
 
 def _decoded(content: bytes, path: Path) -> str:
@@ -56,9 +68,11 @@ def _decoded(content: bytes, path: Path) -> str:
         raise InputError.of(f"{path.name} line {line}", what, "Save the file as UTF-8.") from None
 
 
-def _model(source: Source, name: str, origin: str, parameters: Collection[str] | None) -> Model:
+def _model(
+    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: "Collection[Surrogate]"
+) -> Model:
     statements = parse(source)
-    names = Names(statements, Surroundings(parameters=parameters), source)
+    names = Names(statements, Surroundings(parameters=parameters, functions=_called(surrogates)), source)
     step = _step(statements, source)
     loom = Loom()
     nodes = build(names, loom, {})
@@ -74,7 +88,16 @@ def _model(source: Source, name: str, origin: str, parameters: Collection[str] |
         declared=MappingProxyType(_declared(names)),
         source=origin,
         places=MappingProxyType(_places(names, source)),
+        surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
     )
+
+
+def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, Function]:
+    if not surrogates:
+        return {}
+    from kennfeld.models.formula.surrogates import functions_of  # most texts call none
+
+    return functions_of(surrogates)
 
 
 def _step(statements: Collection[Statement], source: Source) -> float | None:

@@ -49,19 +49,40 @@ class Loom(Builder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._open: list[tuple[int, int, Callable[[int], int]]] = []
+        self._open: list[tuple[int, Callable[[int], tuple[int, int]]]] = []
 
     def remember(self, init: int, then: Callable[[int], int], latency: int = 1) -> int:
         """A new memory as read now; `then` maps it to what it holds next, and is asked in `settle`."""
+        return self._opened(lambda read: (init, then(read)), latency)
+
+    def remember_input(self, x: Callable[[], int], otherwise: float, latency: int) -> int:
+        """A memory of x that starts with the first x, or `otherwise` where the first x needs this memory."""
+
+        def held(read: int) -> tuple[int, int]:
+            node = x()
+            return (self.const(otherwise) if self._needs(node, read) else node), node
+
+        return self._opened(held, latency)
+
+    def _opened(self, held: Callable[[int], tuple[int, int]], latency: int) -> int:
         read = self.state(latency)
-        self._open.append((read, init, then))
+        self._open.append((read, held))
         return read
+
+    def _needs(self, node: int, other: int) -> bool:
+        """Whether a node is computed from another one within the step."""
+        seen, stack = {node}, [node]
+        while stack:
+            args = [a for a in self.nodes[stack.pop()].args if a not in seen]
+            seen.update(args)
+            stack += args
+        return other in seen
 
     def settle(self) -> None:
         """Complete all memories; completing one may open further ones."""
         while self._open:
-            read, init, then = self._open.pop()
-            self.close(read, init, then(read))
+            read, held = self._open.pop()
+            self.close(read, *held(read))
 
     def value(self, node: int) -> float | None:
         """The value of a constant node."""

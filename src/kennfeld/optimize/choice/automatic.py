@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.optimize.choice.blocks import Blocks
 from kennfeld.optimize.choice.prediction import Linearised, Prediction, minimised
 from kennfeld.optimize.free_axes.moving_roughness import roughness_of
 from kennfeld.optimize.limits.limits import Limits
@@ -32,6 +33,7 @@ SETTLED = 0.1  # gain of n times the criterion's logarithm below which another r
 NEAR = 0.1  # radius of the logarithms within which trials end
 POOR, GOOD = 0.25, 0.75  # share of the promised gain from which the radius is halved, or doubled
 NONE = -np.inf  # the logarithm where no data reach the table: its factor is 0
+RESEMBLING = 2.0  # samples to an independent one, from which blocks are held back
 ACTIVE = 1e-9  # of the size of a linear row, at which it counts as active
 ROUGH = Settings(max_iterations=40, tolerance=1e-5, patience=2)
 
@@ -47,6 +49,14 @@ class Choice:
     logarithms: Float
     fit: Descent
     samples: float
+    blocks: int = 0
+
+    @property
+    def words(self) -> str:
+        """By what they were chosen."""
+        by = "generalised cross-validation"
+        also = f" and by holding back {self.blocks} stretches of the recordings" if self.blocks else ""
+        return f"Smoothness was chosen by {by}{also}."
 
     @property
     def by_direction(self) -> dict[str, dict[str, float]]:
@@ -130,6 +140,7 @@ class _Choosing:
         self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, settings.max_iterations))
         self.independent = samples
         self.samples = scored(compiled)  # one number for all rounds, so that they compare
+        self.held: Blocks | None = None
         self.objective = SumOfSquares(compiled)
         blocks = list(_blocks(compiled))
         self.sought = [block for block in blocks if block.given is None]
@@ -141,20 +152,27 @@ class _Choosing:
         if known is None:
             best = self._anew(start)
         else:
-            self.samples = known.samples
+            self._count(known.samples)
             best = self._improved(self._fitted(known.logarithms, start))
         self._use(best.logarithms)
         cost = self.objective.cost(best.fit.values)
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
-        return Choice(self._factors(best.logarithms), best.logarithms, fit, self.samples)
+        return Choice(
+            self._factors(best.logarithms), best.logarithms, fit, self.samples, self.held.count if self.held else 0
+        )
+
+    def _count(self, samples: float) -> None:
+        """Take so many samples as independent; where these are few, blocks are held back."""
+        if scored(self.compiled) >= RESEMBLING * samples:
+            self.held = Blocks.of(self.compiled)
+        self.samples = samples
 
     def _anew(self, start: Float) -> _Round:
         """The better of two: from factors that weigh as much as the data, and from the best of a path."""
-        scales = self._scales(self._data(start)[1])
-        reference = np.log(scales, out=np.full(scales.size, NONE), where=scales > 0)
+        reference = self._reference(start)
         if self.independent is not None:
             # errors of a stiff fit resemble each other because it is stiff
-            self.samples = self.independent(self._fitted(reference + LIGHT * np.log(10), start).fit.values)
+            self._count(self.independent(self._fitted(reference + LIGHT * np.log(10), start).fit.values))
         best = self._improved(self._fitted(reference, start))
         if best.cut_short:
             return best
@@ -162,6 +180,19 @@ class _Choosing:
         if other.value < best.value and not other.cut_short:
             other = self._improved(other)
         return other if other.value < best.value or _stopped(other) else best
+
+    def _reference(self, start: Float) -> Float:
+        """The logarithms of the factors that weigh as much as the data.
+
+        A table may matter only once others have moved, as a time constant does behind a map of zeros: what data do not
+        reach at the start is looked at again after a fit of the others.
+        """
+        scales = self._scales(self._data(start)[1])
+        found = np.log(scales, out=np.full(scales.size, NONE), where=scales > 0)
+        if (scales > 0).all() or not (scales > 0).any():
+            return found
+        again = self._scales(self._data(self._fitted(found, start).fit.values)[1])
+        return np.log(again, out=found, where=(scales <= 0) & (again > 0))
 
     def _path(self, reference: Float, start: Float) -> _Round:
         """The best of fits with ever smaller factors, in the same proportion to the data, each from the one before.
@@ -218,9 +249,8 @@ class _Choosing:
         limits = self.limits
         held = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
         misfit = self.compiled.accumulator.cost(self._full(values))
-        fit = Linearised(
-            values, misfit, gradient, matrix, limits.movable & ~held, _pressing(limits, values), self.samples
-        )
+        pressing, parts = _pressing(limits, values), self.held.linearised(self._full(values)) if self.held else ()
+        fit = Linearised(values, misfit, gradient, matrix, limits.movable & ~held, pressing, self.samples, tuple(parts))
         blocks = [block.unit for block, good in zip(self.sought, live, strict=True) if good]
         return Prediction(fit, blocks, self.given)
 

@@ -22,7 +22,7 @@ from kennfeld.optimize.result import Result, Seconds, StartResult
 from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton
 from kennfeld.optimize.solver.threads import blas_threads
 
-__all__ = ["decided"]
+__all__ = ["choice_of", "decided", "with_choice"]
 
 Search = Callable[[Problem], Result]
 
@@ -48,6 +48,21 @@ def decided(problem: Problem, options: Options, progress: Progress | None, read:
     return replace(result, shifts=shifts, message=message, seconds=spent)
 
 
+def choice_of(run: Run, start: Float, limits: Limits, known: Choice | None = None) -> Choice:
+    """The automatic factors of a run's problem, chosen from a start that keeps the limits."""
+
+    def independent(values: Float) -> float:
+        return independent_samples(run.problem, run.scorer.errors, run.parameters(values))
+
+    steady = all(bound.dataset.time is None for bound in run.problem.training)
+    return chosen(run.exact, start, limits, run.options.settings, run._report, known, None if steady else independent)
+
+
+def with_choice(problem: Problem, choice: Choice) -> Problem:
+    """The problem with the factors chosen."""
+    return replace(problem, smoothness={**problem.smoothness, **choice.factors})
+
+
 def _smoothed(problem: Problem, options: Options, progress: Progress | None, search: Search) -> Result:
     plain = Run(problem, replace(options, continuation="off"), progress, Seconds())
     with blas_threads(plain.exact.values.free):
@@ -69,11 +84,11 @@ class _Smoothing:
         start, _ = project(plain.objective.start, limits)
         if start is None:
             return self.search(_with_none(plain.problem))
-        choice = self._chosen(start, limits)
+        choice = choice_of(plain, start, limits)
         if choice.fit.status == "stopped":
             stopped = replace(choice.fit, iterations=0, evaluations=0)
             return self._together(self._ended(choice, lambda start, limits: stopped), choice)
-        found = self.search(_with(plain.problem, choice))
+        found = self.search(with_choice(plain.problem, choice))
         if options.method == "global" or options.steps or plain.problem.limits or found.status == "stopped":
             return self._together(found, choice)
         end = plain.exact.values.pack(found.parameters)[: start.size]
@@ -81,18 +96,8 @@ class _Smoothing:
             end = choice.fit.values
         elif options.continuation == "off":
             return self._together(found, choice)
-        last = self._chosen(end, limits, choice)
+        last = choice_of(plain, end, limits, choice)
         return self._together(self._polished(last), last, found)
-
-    def _chosen(self, start: Float, limits: Limits, known: Choice | None = None) -> Choice:
-        plain = self.plain
-        count = None if all(bound.dataset.time is None for bound in plain.problem.training) else self._independent
-        return chosen(plain.exact, start, limits, self.options.settings, plain._report, known, count)
-
-    def _independent(self, values: Float) -> float:
-        """How many training samples are independent, by the errors with these free values."""
-        plain = self.plain
-        return independent_samples(plain.problem, plain.scorer.errors, plain.parameters(values))
 
     def _polished(self, choice: Choice) -> Result:
         """The descent with the factors chosen last, from the fit on which they were chosen."""
@@ -106,7 +111,7 @@ class _Smoothing:
 
     def _ended(self, choice: Choice, search: Callable[[Float, Limits], Descent]) -> Result:
         """The result of a last search with the factors of a choice, which the compiled problem has."""
-        return self.plain.moved(_with(self.plain.problem, choice)).result(search)
+        return self.plain.moved(with_choice(self.plain.problem, choice)).result(search)
 
     def _together(self, result: Result, choice: Choice, before: Result | None = None) -> Result:
         """A result with what was chosen, and with trace and effort of all searches."""
@@ -119,7 +124,8 @@ class _Smoothing:
             trace=trace,
             iterations=iterations,
             evaluations=evaluations,
-            smoothness=choice.by_direction,
+            smoothness={**choice.by_direction, **result.smoothness},
+            message=f"{result.message} {choice.words}".strip(),
             seconds=result.seconds if before is None else before.seconds,
             starts=result.starts if before is None else before.starts,
             resumed=result.resumed if before is None else before.resumed,
@@ -131,10 +137,6 @@ def _row(result: Result) -> StartResult:
     """The only start."""
     costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
     return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)
-
-
-def _with(problem: Problem, choice: Choice) -> Problem:
-    return replace(problem, smoothness={**problem.smoothness, **choice.factors})
 
 
 def _with_none(problem: Problem) -> Problem:

@@ -73,7 +73,7 @@ def _checked(problem: Problem) -> list[_Sought]:
     """The lags to be found on training data."""
     inputs = {problem.channels.get(name, name) for name in problem.model.graph.inputs}
     targets = {c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.name}
-    used, findings, sought = inputs | targets, [], []
+    used, findings, sought = inputs | targets, _same_names(problem), []
     for number, data in enumerate(problem.datasets):
         for channel in problem.unknown_shifts.get(data.name, ()):
             if channel not in used or channel not in data:
@@ -91,6 +91,16 @@ def _checked(problem: Problem) -> list[_Sought]:
     if findings:
         raise InputError(list(dict.fromkeys(findings)))
     return sought
+
+
+def _same_names(problem: Problem) -> list[Finding]:
+    """Training datasets whose shifts could not be told apart."""
+    names = [d.name for d in problem.datasets if d.use == "training" and problem.unknown_shifts.get(d.name)]
+    return [
+        Finding(f"dataset {name}", f"{names.count(name)} of them are to find a shift", "Give each a name of its own.")
+        for name in dict.fromkeys(names)
+        if names.count(name) > 1
+    ]
 
 
 class _Search:

@@ -18,7 +18,7 @@ from kennfeld.optimize.criterion import Criterion, Region
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.data.evaluation import evaluated, uses_clock
 
-__all__ = ["Weighting", "weight_findings"]
+__all__ = ["Weighting", "sample_weights", "weight_findings"]
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:

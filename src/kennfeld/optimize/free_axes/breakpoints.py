@@ -12,7 +12,17 @@ from kennfeld.native import Values
 from kennfeld.optimize.limits.limits import Rows
 from kennfeld.parameters import Parameter, ParameterSet
 
-__all__ = ["Place", "bounds_of", "fitted_axes", "left_behind", "order_of", "rising", "slopes_along", "told"]
+__all__ = [
+    "Place",
+    "bounds_of",
+    "fitted_axes",
+    "left_behind",
+    "order_of",
+    "rising",
+    "slopes_along",
+    "told",
+    "touching_pairs",
+]
 
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 TOUCHING = 1e-6  # of the mean distance, within which two breakpoints stand at their least distance
@@ -98,14 +108,19 @@ def rising(order: Rows, values: Float) -> bool:
     return order.count == 0 or bool(np.all(order.times(values) >= 0.5 * order.lower))
 
 
+def touching_pairs(points: Float, least: float) -> Int:
+    """The breakpoints that stand as close to the next one as they may, by number."""
+    gaps = np.diff(points)
+    return np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
+
+
 def told(axes: Mapping[AxisKey, FreeAxis], parameters: ParameterSet) -> str:
     """Sentences on breakpoints that ended as close as they may: fewer would do as well."""
     parts = []
     for key, before in axes.items():
         table, which = before.places[0]
         points, least = parameters[table].axes[which].breakpoints, before.axis.least_distance
-        gaps = np.diff(points)
-        close = np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
+        close = touching_pairs(points, least)
         if close.size and not np.array_equal(points, before.axis.breakpoints):
             pairs = ", ".join(f"{points[i]:g} and {points[i + 1]:g}" for i in close[:5])
             parts.append(f"Breakpoints of {key} ended at their least distance: {pairs}; fewer may do.")

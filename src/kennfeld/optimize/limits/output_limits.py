@@ -11,12 +11,13 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph.lowering import dependent
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
+from kennfeld.native.rows import Order
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.limits.constraints import Limit
@@ -27,13 +28,15 @@ from kennfeld.optimize.scoring import Nodes
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["OutputLimits", "channels_of", "check_limits"]
+__all__ = ["OutputLimits", "Side", "Touched", "channels_of", "check_limits"]
 
 FEASIBLE = 1e-6  # of a limit's scale: what counts as kept
 TIGHT = 1e-6  # share of the cost that a better choice of multipliers might still save
 ROUNDS = 40  # updates of the multipliers
 STUBBORN = 0.25  # share of the excess that may be left after a round before the weight grows
 HEAVIER = 10.0
+NEAR = 1e-4  # of a limit's scale: what counts as met, as the multipliers leave little more
+MOST = 400  # samples at which limits are linearised
 HEAVIEST = 1e12  # times the first weight: beyond, the limits cannot be met
 
 Report = Callable[[str, Iteration, Float], None]
@@ -120,14 +123,29 @@ def check_limits(problem: Problem) -> list[Finding]:
 
 
 @dataclass(frozen=True)
+class Touched:
+    """Samples at which a side of a limit is met, or nearly, and how the limited node moves with the values there.
+
+    `side`, `data` and `sample` are numbers: of the side, of the training dataset, and of its sample. `excess` and
+    `rows` are relative to the scale of the side.
+    """
+
+    side: Int  # Int[samples]
+    data: Int  # Int[samples]
+    sample: Int  # Int[samples]
+    excess: Float  # Float[samples]
+    rows: Float  # Float[samples, values]
+
+
+@dataclass(frozen=True)
 class _Penalised(Problem):
     """A problem with a criterion for each side of its limits, whose targets are arrays that others may change."""
 
-    targets: Mapping[tuple[str, str], Float] = field(default_factory=dict)  # by node and dataset
+    targets: Mapping[tuple[str, int], Float] = field(default_factory=dict)  # by node and identity of the dataset
 
     def target(self, criterion: Criterion, bound: Bound) -> Float:
         """That of the problem, or of a side: read where it lies."""
-        known = self.targets.get((criterion.node, bound.dataset.name))
+        known = self.targets.get((criterion.node, id(bound.dataset)))
         return super().target(criterion, bound) if known is None else known
 
 
@@ -219,6 +237,49 @@ class OutputLimits:
                 )
         return "; ".join(parts)
 
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """The sides of the limits that bound something."""
+        return self._sides
+
+    def touched(self, values: Float, parameters: ParameterSet) -> Touched | None:
+        """Where the limits are met at these values, those of `parameters`; None where they are nowhere.
+
+        Of very many samples the nearest `MOST`.
+        """
+        relative = [excess / self._scales[:, None] for excess in self.excess(parameters)]
+        nearest = np.concatenate([r[(r >= -NEAR) & np.isfinite(r)] for r in relative])
+        if not nearest.size:
+            return None
+        least = np.sort(nearest)[-MOST:][0]
+        found = [np.nonzero((r >= least) & np.isfinite(r)) for r in relative]
+        side, sample = (np.concatenate([pair[i] for pair in found]) for i in range(2))
+        data = np.repeat(np.arange(len(found)), [pair[0].size for pair in found])
+        excess = np.concatenate([r[pair] for r, pair in zip(relative, found, strict=True)])
+        rows = self._slopes(values, side, data, sample)
+        kept = [bound.kept for bound in self._bounds]
+        numbers = np.array([kept[d][s] for d, s in zip(data, sample, strict=True)])
+        return Touched(side, data, numbers, excess, rows)
+
+    def _slopes(self, values: Float, side: Int, data: Int, sample: Int) -> Float:
+        """The slopes of limited nodes at some samples, relative to the scales; shape (samples, values)."""
+        known = len(self._problem.criteria)
+        for target in self._targets.values():
+            target[:] = np.nan
+        for i, d, s in zip(side, data, sample, strict=True):  # a scale above the target, the loss is the square
+            self._targets[self._sides[i].node, self._bounds[d].dataset.name][s] = self._sides[i].bound - self._scales[i]
+        self._penalised.reread_targets()
+        alone = self._penalised.reweighted(np.repeat([0.0, 1.0], [known, len(self._sides)]))
+        full = self._penalised.start.copy()
+        full[: values.size] = values
+        first = np.cumsum([0, *(bound.count for bound in self._bounds)])
+        visits = _visits(alone.samples.order, first[data] + sample)
+        ordered = np.unique(visits)
+        rows = alone.accumulator.rows_at(full, ordered)[np.searchsorted(ordered, visits), known + side]
+        self._aim()
+        self._penalised.reread_targets()
+        return rows
+
     def descend(
         self,
         objective: SumOfSquares,
@@ -241,7 +302,7 @@ class OutputLimits:
         """The problem with a criterion for each side, whose weight is one over the square of the side's scale."""
         problem = self._problem
         targets = {
-            (side.node, bound.dataset.name): np.empty(bound.count) for bound in self._bounds for side in self._sides
+            (side.node, id(bound.dataset)): np.empty(bound.count) for bound in self._bounds for side in self._sides
         }
         criteria = [
             Criterion(side.node, 0.0, 1 / scale**2, "excess")
@@ -262,7 +323,7 @@ class OutputLimits:
         """Write the targets: the bounds, lowered by the shifts."""
         for bound, mask, shift in zip(self._bounds, self._masks, self._shifts, strict=True):
             for i, side in enumerate(self._sides):
-                self._targets[side.node, bound.dataset.name][:] = (side.bound - shift[i]) * mask[i]
+                self._targets[side.node, id(bound.dataset)][:] = (side.bound - shift[i]) * mask[i]
 
     def press(self, excess: Sequence[Float], heavier: float = 1.0) -> float:
         """Move the multipliers to what the excess tells; returns the sum of multiplier times distance from the side.
@@ -279,6 +340,14 @@ class OutputLimits:
         self._aim()
         self._penalised.reread_targets()
         return gap
+
+
+def _visits(order: Order | None, samples: Int) -> Int:
+    """When samples are visited."""
+    if order is None:
+        return samples
+    sorter = np.argsort(order)
+    return np.asarray(sorter[np.searchsorted(order, samples, sorter=sorter)])
 
 
 class _Rounds:

@@ -29,9 +29,9 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
     narrow = limits.narrowed(movable, clipped)
-    step = solve(Factor.of(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow).step
+    solution = solve(Factor.of(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow)
     there = clipped.copy()
-    there[movable] = narrow.clip(here + step)
+    there[movable] = solution.reached(here, narrow)
     missed = limits.violations(there, size)
     if not np.all(missed <= FEASIBLE):
         worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")[:3]

@@ -102,7 +102,13 @@ class _Multistart:
         best = self._best()
         rows = [replace(c.row, distance=distance(c.values, best.values)) for _, c in sorted(self.climbs.items())]
         trace = sorted(self.trace, key=lambda line: line.start)
-        return replace(result, trace=tuple(trace), starts=tuple(rows), resumed=tuple(self.went_on))
+        return replace(
+            result,
+            trace=tuple(trace),
+            starts=tuple(rows),
+            resumed=tuple(self.went_on),
+            smoothness={name: dict(factors) for name, factors in best.smoothness.items()},
+        )
 
     def _search(self, ready: Run, start: Float, limits: Limits) -> Descent:
         """The best end of all starts, as values of the whole problem."""

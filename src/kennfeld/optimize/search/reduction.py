@@ -9,7 +9,7 @@ from kennfeld.arrays import Int
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize.limits.constraints import Equality, Term
 from kennfeld.optimize.limits.limiting import grid_points
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem import Factor, Problem
 from kennfeld.parameters import Axis, Parameter, ParameterSet
 
 __all__ = ["kept", "penalty_ratio", "reduced", "reduced_table", "refined", "refined_table"]
@@ -81,6 +81,8 @@ def _size(table: Parameter, axis: int) -> float:
 def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
     """The problem with the named tables on coarse grids; smoothness keeps the penalty of a surface as it was.
 
+    A factor that is automatic stays so: it is chosen on the coarse grid.
+
     Breakpoints around a pin, or a value that an equality names, stay, so that these can be met as before; so does the
     grid of a table whose values are summed.
     """
@@ -91,10 +93,12 @@ def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
     changed = [table for name, table in tables.items() if table is not problem.parameters[name]]
     if not changed:
         return problem
-    rescaled = {
+    rescaled: dict[str, list[Factor]] = {
         table.name: [
-            factor / penalty_ratio(problem.parameters[table.name], table, axis)
-            for axis, factor in enumerate(problem.factors(table.name))
+            "auto" if automatic else factor / penalty_ratio(problem.parameters[table.name], table, axis)
+            for axis, (automatic, factor) in enumerate(
+                zip(problem.automatic(table.name), problem.factors(table.name), strict=True)
+            )
         ]
         for table in changed
     }

@@ -1,7 +1,7 @@
 """One start on its way through the steps of a sequence; without a sequence, through a single step."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,10 +10,14 @@ from kennfeld.errors import InputError
 from kennfeld.graph.free_axes import free_axes, key_of, labelled, with_labelled
 from kennfeld.graph.free_axes import standing as axes_standing
 from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.choice.automatic import Choice
+from kennfeld.optimize.choice.deciding import choice_of, with_choice
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.result import Seconds, StartResult, TraceLine
-from kennfeld.optimize.search.reduction import reduced, refined
+from kennfeld.optimize.search.reduction import penalty_ratio, reduced, refined
 from kennfeld.optimize.search.saved import Keep, Saved
 from kennfeld.optimize.search.step import Step, standing, stepped, whole
 from kennfeld.optimize.solver.gauss_newton import Descent, Status, Stop
@@ -40,10 +44,11 @@ class Begin:
 
 @dataclass(frozen=True, eq=False)
 class Climb:
-    """Where a start ended."""
+    """Where a start ended, and the factors that its steps chose, by table and axis of the full grid."""
 
     row: StartResult
     values: TableValues
+    smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 class Climber:
@@ -87,13 +92,13 @@ class Climber:
     def cost(self, values: TableValues) -> float:
         """The cost of the whole problem."""
         if self._whole is None:
-            self._whole = Compiled(self.problem) if self.options.steps else self.run(1, values)[0].exact
+            self._whole = Compiled(self.problem) if self.options.steps else self.run(1, self.small(1, values)[0]).exact
         at = replace(self.problem, parameters=holding(self.problem.parameters, values))
         objective = SumOfSquares(self._whole.moved(at))
         return objective.cost(objective.start)
 
-    def run(self, number: int, values: TableValues) -> tuple[Run, ParameterSet]:
-        """The run of a step from these values, and the parameters on the full grids.
+    def small(self, number: int, values: TableValues) -> tuple[Problem, ParameterSet]:
+        """The problem of a step on its grids, from these values, and the parameters on the full grids.
 
         Limits of outputs are kept by the last step alone: before that, a part of the values may not be able to.
         """
@@ -104,10 +109,18 @@ class Climber:
         if self.options.steps:
             full = _with_axes_standing(full, step)
         tables = [name for name in full.free_names if parameters[name].axes]
-        small = reduced(full, {name: step.reduction(parameters[name]) for name in tables})
+        return reduced(full, {name: step.reduction(parameters[name]) for name in tables}), parameters
+
+    def run(self, number: int, small: Problem) -> Run:
+        """The run of the problem of a step, compiled anew only where that is another one."""
         if number not in self._runs or not _alike(self._runs[number].problem, small):
-            self._runs[number] = Run(small, _options(self.options, step), None, Seconds())
-        return self._runs[number].moved(small), parameters
+            self._runs[number] = Run(small, _options(self.options, self.steps[number - 1]), None, Seconds())
+        return self._runs[number].moved(small)
+
+    def choosing(self, number: int, small: Problem) -> Run:
+        """A run of the problem of a step on which its smoothness is chosen: without continuation."""
+        options = replace(_options(self.options, self.steps[number - 1]), continuation="off")
+        return Run(small, options, None, Seconds())
 
     def stage(self, number: int, stage: str) -> str:
         """What the trace calls a stage of a step."""
@@ -125,6 +138,7 @@ class _Climbing:
         self.before = self.reached = float("nan")
         self.step, self.count = begin.step, begin.iteration
         self.iterations = self.evaluations = 0
+        self.smoothness: dict[str, dict[str, float]] = {}
 
     def through(self) -> Climb:
         """Take all steps that are left."""
@@ -144,11 +158,20 @@ class _Climbing:
         row = StartResult(self.begin.start, status, message, self.before, after, self.iterations, self.evaluations)
         if status != "stopped" and np.isfinite(after):
             self.keep(Saved(self.begin.start, self.step, self.count, "end", self.reached, self.values, row))
-        return Climb(row, self.values)
+        return Climb(row, self.values, self.smoothness)
 
     def _take(self) -> Descent:
         """One step, from the values as they are."""
-        run, parameters = self.climber.run(self.step, self.values)
+        small, parameters = self.climber.small(self.step, self.values)
+        if small.automatic_names:
+            plain = self.climber.choosing(self.step, small)
+            choice = self._chosen(plain)
+            if choice is not None:
+                self._take_over(plain, choice, parameters)
+                if choice.fit.status == "stopped":
+                    return choice.fit
+                small = with_choice(replace(small, parameters=plain.parameters(choice.fit.values)), choice)
+        run = self.climber.run(self.step, small)
 
         def watch(line: TraceLine, values: Float) -> None:
             self.count += 1
@@ -159,6 +182,25 @@ class _Climbing:
         run.watch = watch
         run.progress = self._report
         end, _ = run.end()
+        return self._ended(run, end, parameters)
+
+    def _chosen(self, plain: Run) -> Choice | None:
+        """The factors of a step; None where its limits contradict each other."""
+        plain.progress = self._report
+        limits = limits_of(plain.problem, plain.exact.values)
+        start, _ = project(plain.objective.start, limits)
+        return None if start is None else choice_of(plain, start, limits)
+
+    def _take_over(self, plain: Run, choice: Choice, parameters: ParameterSet) -> None:
+        """The fit on which factors were chosen, and these as they are on the full grids."""
+        self._ended(plain, choice.fit, parameters)
+        for name, factors in choice.factors.items():
+            full, small = parameters[name], plain.problem.parameters[name]
+            scaled = [factor * penalty_ratio(full, small, axis) for axis, factor in enumerate(factors)]
+            self.smoothness[name] = dict(zip("xyzw", scaled, strict=False))
+
+    def _ended(self, run: Run, end: Descent, parameters: ParameterSet) -> Descent:
+        """Take over where a descent ended."""
         self.values |= _refined(run, end.values, parameters)
         self.reached = end.cost
         self.iterations += end.iterations
@@ -214,9 +256,13 @@ def _options(options: Options, step: Step) -> Options:
 
 
 def _alike(one: Problem, other: Problem) -> bool:
-    """Whether parameters that stand still have the same values: some of what is compiled depends on them."""
+    """Whether parameters that stand still have the same values, and tables their factors: what is compiled depends on
+    them.
+    """
     used = list(one.model.graph.parameters)
     fixed = [name for name in used if name not in one.free_names]
+    if any(one.factors(name) != other.factors(name) for name in one.free_names):
+        return False
     return all(_same_axes(one, other, name) for name in used) and all(
         np.array_equal(one.parameters[name].values, other.parameters[name].values) for name in fixed
     )

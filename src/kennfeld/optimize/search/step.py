@@ -15,7 +15,7 @@ from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.free_axes.breakpoints import left_behind
 from kennfeld.optimize.limits.constraints import Equality, Shape, Term
 from kennfeld.optimize.limits.limiting import grid_points
-from kennfeld.optimize.problem import Problem, Smoothness
+from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.parameters import Parameter
 
 __all__ = ["Step", "matching", "standing", "stepped", "unusable", "whole"]
@@ -34,7 +34,8 @@ class Step:
         name: what the trace calls it; its number by default.
         free: patterns of the parameters to fit in this step; the others stand still.
         lock: by parameter, whether it is locked, or a mask of its shape.
-        smoothness: a factor for all tables, or by parameter a factor, or one an axis.
+        smoothness: a factor for all tables, or by parameter a factor, or one an axis; "auto" in place of a factor has
+            it chosen in this step, on its grid.
         grid_reduction: keep every nth breakpoint of the free tables, for all axes or by parameter and axis. The
             breakpoints left out are interpolated at the end of the step.
         criteria: which criteria count, by node or by number from 1; or their weights.
@@ -49,7 +50,7 @@ class Step:
     name: str = ""
     free: Sequence[str] | None = None
     lock: Mapping[str, ArrayLike] = field(default_factory=dict)
-    smoothness: float | Smoothness | None = None
+    smoothness: Factor | Smoothness | None = None
     grid_reduction: Reduction | Mapping[str, Reduction] = 1
     criteria: Sequence[str | int] | Mapping[str | int, float] | None = None
     max_iterations: int | None = None
@@ -65,6 +66,12 @@ class Step:
             raise ArgumentError(f"tolerance={self.tolerance} of a step must be a number above 0")
         if self.continuation not in (None, "auto", "off"):
             raise ArgumentError(f"continuation={self.continuation!r} of a step must be auto or off")
+        smooth = self.smoothness
+        for one in smooth.values() if isinstance(smooth, Mapping) else (smooth,):
+            if one is not None and not all(_is_factor(factor) for factor in _each(one)):
+                raise ArgumentError(
+                    f'smoothness={one!r} of a step must be a number from 0 on, or one an axis, or "auto" in their place'
+                )
         given = self.grid_reduction
         for one in given.values() if isinstance(given, Mapping) else (given,):
             if any(isinstance(n, bool) or not isinstance(n, int) or n < 1 for n in _listed(one)):
@@ -88,6 +95,16 @@ class Step:
 
 def _listed(given: Reduction) -> tuple[int, ...]:
     return tuple(given) if isinstance(given, Sequence) else (given,)
+
+
+def _each(given: Factor | Sequence[Factor]) -> Sequence[object]:
+    return given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+
+
+def _is_factor(given: object) -> bool:
+    if isinstance(given, str | bool):
+        return given == "auto"
+    return isinstance(given, int | float | np.number) and bool(0 <= given < np.inf)
 
 
 def matching(by_pattern: Mapping[str, Value], name: str, default: Value) -> Value:
@@ -170,7 +187,7 @@ def _smoothness(problem: Problem, step: Step) -> Smoothness:
         return problem.smoothness
     tables = [name for name, parameter in problem.parameters.items() if parameter.axes]
     if not isinstance(given, Mapping):
-        return dict.fromkeys(tables, float(given))
+        return dict.fromkeys(tables, given)
     found = {name: matching(given, name, None) for name in tables}
     return {**problem.smoothness, **{name: factor for name, factor in found.items() if factor is not None}}
 
@@ -238,7 +255,7 @@ class _Checking:
     def _an_axis_each(self, key: str, given: Mapping[str, object]) -> None:
         for name, parameter in self.problem.parameters.items():
             one, axes = matching(given, name, None), len(parameter.axes)
-            if isinstance(one, Sequence) and axes and len(one) != axes:
+            if isinstance(one, Sequence) and not isinstance(one, str) and axes and len(one) != axes:
                 self._report(
                     f"{key} {name}", f"{list(one)} are {len(one)} numbers for {axes} axes", "Give one an axis."
                 )

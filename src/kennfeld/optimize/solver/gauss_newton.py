@@ -284,7 +284,8 @@ class _Descending:
                 continue
             factor, free_step = found
             solution = solve(factor, free_step, here, limits, self.active)
-            step = limits.clip(here + solution.step) - here
+            self.active = solution.active
+            step = solution.reached(here, limits) - here
             gain, other = self._gains(line, step)
             if not step.any():
                 return self._stuck(line, limits, "No step changes the values any further.")
@@ -301,7 +302,7 @@ class _Descending:
                     continue
                 solution = solve(factor, free_step + 0.5 * bend, here, limits, solution.active)
             trial = self.at.copy()
-            trial[line.movable] = limits.clip(here + solution.step)
+            trial[line.movable] = solution.reached(here, limits)
             cost = self.objective.cost(trial)
             self.evaluations += 1
             actual = self.cost - cost

@@ -1,19 +1,20 @@
 """The convex quadratic program of one step: min 1/2 d'Hd + g'd within bounds and linear rows.
 
-H is factored once. If the free step violates limits, the violated ones and those active before enter a small dual
-problem, solved through triangular solves with the same factor; repeated until none is violated, which ends because
-limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
+H is factored once. If the free step violates limits, the violated ones, or those active before, enter a small dual
+problem with the matrix A H^-1 A', which the same factor gives (see `native.gram`); repeated until none is violated,
+which ends because limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native import Factor
+from kennfeld.arrays import Float, Int
+from kennfeld.native import Factor, Gram
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.solver.dual import nonnegative_dual
 
-__all__ = ["Solution", "nonnegative_dual", "solve"]
+__all__ = ["Solution", "solve"]
 
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
 
@@ -28,6 +29,16 @@ class Solution:
     step: Float
     active: Int
 
+    def reached(self, at: Float, limits: Limits) -> Float:
+        """Where the step leads from `at`: within all bounds, and bit for bit on those that hold it.
+
+        A value that rounding leaves next to its bound is free again in the next step; where it is a breakpoint at the
+        end of the data, that next step sees another slope.
+        """
+        held = self.active[: at.size]
+        bound = np.where(held > 0, limits.upper, limits.lower)
+        return np.where(held != 0, bound, limits.clip(at + self.step))
+
 
 def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: Int | None = None) -> Solution:
     """The minimiser of the quadratic program at the point `at`.
@@ -36,21 +47,17 @@ def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: In
     """
     room = _Room(at, limits)
     equal = np.concatenate([np.zeros(at.size, dtype=bool), limits.rows.equal])
-    if not equal.any() and not room.passed(free_step).any():
-        return Solution(free_step, np.zeros(equal.size, dtype=np.int64))
-    dual = _Dual(factor, free_step, limits, room)
-    dual.add(equal.astype(np.int64))
-    dual.equalities = int(equal.sum())
-    if guess is not None:
-        dual.add(np.where(equal, 0, guess))
-    step = dual.step()
+    found = np.where(equal, 0, room.passed(free_step))
+    if not equal.any() and not found.any():
+        return Solution(free_step, found)
+    dual = _Dual(factor, free_step, limits, room, np.flatnonzero(equal))
+    dual.add(found if guess is None else np.where(equal, 0, guess))
     for _ in range(2 * equal.size + 1):
-        found = np.where(equal, 0, room.passed(step))
-        found[dual.which[found[dual.which] == dual.signs]] = 0
+        step = dual.step()
+        found = dual.new(np.where(equal, 0, room.passed(step)))
         if not found.any():
             break
         dual.add(found)
-        step = dual.step()
     return Solution(step, dual.active())
 
 
@@ -62,7 +69,7 @@ class _Room:
         here = np.concatenate([at, self.rows.times(at)])
         self.upper = np.concatenate([limits.upper, self.rows.upper]) - here
         self.lower = np.concatenate([limits.lower, self.rows.lower]) - here
-        summed = np.concatenate([np.zeros(at.size), self.rows.size(at)])
+        summed = np.concatenate([np.abs(at), self.rows.size(at)])
         self.over, self.under = (
             FEASIBLE * np.maximum(np.where(np.isfinite(side), np.abs(side), 0.0) + summed, 1e-300)
             for side in (self.upper, self.lower)
@@ -76,82 +83,75 @@ class _Room:
 
 
 class _Dual:
-    """The limits under consideration, equalities first, as rows of V' = (L^-1 A')'."""
+    """The limits under consideration, equalities first, as rows A of the dual program.
 
-    def __init__(self, factor: Factor, free_step: Float, limits: Limits, room: _Room) -> None:
-        self.factor, self.free_step, self.limits, self.room = factor, free_step, limits, room
+    It is min 1/2 m'Sm - e'm with m >= 0, where S = A H^-1 A' and e is by how much the free step passes each limit; the
+    step is the free one less H^-1 A'm. Lower sides enter with the opposite sign.
+    """
+
+    def __init__(self, factor: Factor, free_step: Float, limits: Limits, room: _Room, equal: Int) -> None:
+        self.factor, self.free_step, self.limits, self.room, self.equal = factor, free_step, limits, room, equal
         self.taken = np.concatenate([free_step, limits.rows.times(free_step)])
-        self.rows = np.zeros((0, factor.inverse.size))
-        self.products = np.zeros((0, 0))  # of the rows with each other
+        self.gram = Gram(factor)
+        self.columns = np.zeros((0, max(limits.rows.columns.shape[1], 1)), dtype=np.int64)
+        self.coefficients = np.zeros(self.columns.shape)
         self.excess = np.zeros(0)
-        self.equalities = 0
         self.which = np.zeros(0, dtype=np.int64)
         self.signs = np.zeros(0, dtype=np.int64)
-        self.multipliers = np.zeros(0)
+        self.pressing = np.zeros(0, dtype=bool)
+
+    def new(self, signs: Int) -> Int:
+        """Those of the limits that are not considered yet."""
+        signs[self.which[signs[self.which] == self.signs]] = 0
+        return signs
 
     def add(self, signs: Int) -> None:
-        """Limits where `signs` is not 0, and finite."""
+        """Limits where `signs` is not 0, and finite; with the first ones come the equalities."""
         side = np.where(signs > 0, self.room.upper, self.room.lower)
         which = np.flatnonzero((signs != 0) & np.isfinite(side))
+        if not self.which.size:
+            which = np.concatenate([self.equal, which])
         if not which.size:
             return
-        values = self.free_step.size
-        rows = np.zeros((which.size, values))
-        single = which < values
-        rows[np.flatnonzero(single), which[single]] = 1.0
-        rows[~single] = self.limits.rows.matrix(which[~single] - values, values)
-        signed = signs[which]
-        new = self.factor.solve_lower(rows * signed[:, None])
-        mixed = self.rows @ new.T
-        self.products = np.block([[self.products, mixed], [mixed.T, new @ new.T]])
-        self.rows = np.vstack([self.rows, new])
-        self.excess = np.concatenate([self.excess, signed * (self.taken[which] - side[which])])
+        signs = np.where(signs[which] < 0, -1, 1)
+        columns, coefficients = self._entries(which)
+        coefficients *= signs[:, None]
+        self.gram.add(columns, coefficients)
+        self.columns = np.concatenate([self.columns, columns])
+        self.coefficients = np.concatenate([self.coefficients, coefficients])
+        side = np.where(signs > 0, self.room.upper[which], self.room.lower[which])
+        self.excess = np.concatenate([self.excess, signs * (self.taken[which] - side)])
         self.which = np.concatenate([self.which, which])
-        self.signs = np.concatenate([self.signs, signed])
+        self.signs = np.concatenate([self.signs, signs])
+        self.pressing = np.concatenate([self.pressing, np.ones(which.size, dtype=bool)])
+
+    def _entries(self, which: Int) -> tuple[Int, Float]:
+        """Columns and coefficients of limits; a bound has a single 1."""
+        values, rows = self.free_step.size, self.limits.rows
+        columns = np.zeros((which.size, self.columns.shape[1]), dtype=np.int64)
+        coefficients = np.zeros(columns.shape)
+        bound = which < values
+        columns[bound, 0], coefficients[bound, 0] = which[bound], 1.0
+        if not bound.all():
+            columns[~bound] = rows.columns[which[~bound] - values]
+            coefficients[~bound] = rows.coefficients[which[~bound] - values]
+        return columns, coefficients
 
     def step(self) -> Float:
+        """The step for the limits considered."""
         if not self.excess.size:
             return self.free_step
-        known = self.multipliers.size
-        guess = np.concatenate([self.multipliers > 0, self.excess[known:] > 0])
-        self.multipliers = nonnegative_dual(self.products, self.excess, self.equalities, guess)
-        step: Float = self.free_step - self.factor.solve_upper(self.multipliers @ self.rows)
+        multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
+        self.pressing = multipliers > 0
+        pulls = self.coefficients * multipliers[:, None]
+        pull = np.asarray(np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size), dtype=np.float64)
+        step: Float = self.free_step - self.factor.solve(pull)
         return step
 
     def active(self) -> Int:
+        """What `Solution` tells of them."""
         signs = np.zeros(self.taken.size, dtype=np.int64)
-        pressed = self.multipliers > 0
-        pressed[: self.equalities] = False
-        signs[self.which[pressed]] = self.signs[pressed]
+        pressing = self.pressing.copy()
+        pressing[: self.equal.size] = False
+        signs[self.which[pressing]] = self.signs[pressing]
         return signs
-
-
-def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
-    """Min 1/2 m'Sm - e'm with m >= 0 but for the first `equalities`, which are free; `guess` are likely to be above 0.
-
-    Block principal pivoting with a single-exchange rule as backup (Judice and Pires 1994), which ends.
-    """
-    size = excess.size
-    bounded = np.arange(size) >= equalities
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / np.outer(scale, scale) + 1e-14 * np.eye(size)
-    wanted = excess / scale
-    inside = ~bounded | (wanted > 0 if guess is None else guess)
-    best, patience = size + 1, 3
-    for _ in range(50 + 5 * size):
-        m = np.zeros(size)
-        m[inside] = np.linalg.solve(scaled[np.ix_(inside, inside)], wanted[inside])
-        slope = scaled @ m - wanted
-        tolerance = 1e-12 * max(1.0, float(np.abs(wanted).max(initial=0.0)))
-        wrong = bounded & ((inside & (m < -tolerance)) | (~inside & (slope < -tolerance)))
-        count = int(wrong.sum())
-        if count == 0:
-            break
-        if count < best:
-            best, patience = count, 3
-        elif patience > 0:
-            patience -= 1
-        else:
-            wrong[: np.flatnonzero(wrong)[-1]] = False
-        inside ^= wrong
-    return np.where(bounded, np.maximum(m, 0.0), m) / scale

@@ -1,7 +1,8 @@
 """What the data determine of a result, and what they leave open."""
 
+from kennfeld.optimize.trust.holding import Holding
 from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.words import Direction
 
-__all__ = ["Direction", "Inspection", "Trust"]
+__all__ = ["Direction", "Holding", "Inspection", "Trust"]

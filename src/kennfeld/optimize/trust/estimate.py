@@ -16,8 +16,8 @@ intervals for smoothing splines, J. Am. Statist. Assoc. 83, 1988). Without smoot
 comes from the residuals, with n - trace(H^-1 H_data) degrees of freedom.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,9 +25,12 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Accumulator
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.output_limits import Touched
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.trust.noise import LEAST, Group, rescored
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.trust.noise import Group, rescored, variances
+from kennfeld.optimize.trust.pressing import Pressed, pressing
 from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
 from kennfeld.optimize.trust.spectrum import Spectrum, root
 
@@ -49,7 +52,12 @@ class Estimate:
     smoothness: Float  # curvature of the smoothness
     uneven: Float | None
     dispersion: float  # phi: variance per unit of cost
-    variances: tuple[float, ...]  # of psi, for each group
+    groups: tuple[Group, ...]
+    variances: tuple[float, ...]  # of psi at weight 1, for each group
+    gradient: Float  # half that of the cost
+    own: Float  # Float[values]: curvature of the data along each of all values
+    informed: Bool  # Bool[values]: those of all values that data or smoothness inform
+    pressed: Pressed | None = None  # where limits of outputs are met
 
     @cached_property
     def error(self) -> Float:
@@ -63,6 +71,20 @@ class Estimate:
         """Covariance of the values over repeated measurements."""
         found: Float = self.spectrum.inverse @ self._noisy @ self.spectrum.inverse
         return found
+
+    @property
+    def met(self) -> Bool:
+        """Which of all values the data inform by themselves."""
+        found: Bool = self.own > 0
+        return found
+
+    @property
+    def distance(self) -> float:
+        """How far the linearised cost would still move a value to its least, in standard deviations of that value."""
+        step = np.abs(self.spectrum.inverse @ self.gradient)
+        sure = np.sqrt(np.maximum(self._variances(None, error=True), 0.0))
+        known = np.isfinite(sure) & (sure > 0) & ~self.spectrum.loose
+        return float(np.max(step[known] / sure[known], initial=0.0))
 
     @property
     def _noisy(self) -> Float:
@@ -152,13 +174,52 @@ class Estimate:
         return found
 
 
-def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence[Group]) -> Estimate | None:
-    """The estimate at the values where a fit ended; None where a derivative of the model is not finite there."""
+ALONE = Settings(max_iterations=20, tolerance=1e-4)  # of the descent to where the data alone would have the values
+Judge = Callable[[Float], list[Group]]  # the groups of residuals at some values
+
+
+def estimate(
+    compiled: Compiled, limits: Limits, values: Float, judge: Judge, touched: Touched | None = None
+) -> Estimate | None:
+    """The estimate at the values where a fit ended; None where a derivative of the model is not finite there.
+
+    `touched` are the samples at which limits of outputs are met. What such a limit costs is no noise: where one
+    presses, the noise is that at the values which the data alone would have, at the end of a short descent without it.
+    """
+    groups = judge(values)
     measured = _Measured(compiled, values, groups)
     if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
         return None
     rows = active_rows(limits, values)
-    reduction = Reduction.of(held(limits, values, measured.gradient, rows), rows)
+    outputs = np.zeros((0, values.size)) if touched is None else touched.rows
+    if not np.isfinite(outputs).all():
+        return None
+    still = held(limits, values, measured.gradient, np.vstack([rows, outputs]))
+    found = _reduced(measured, Reduction.of(still, rows), groups)
+    if touched is None or not found.seen.any():
+        return found
+    beyond = gauss_newton(SumOfSquares(compiled), values, limits, ALONE).values
+    found = _reduced(measured, found.reduction, _noisy_as(groups, judge(beyond)))
+    moving = found.reduction.rows(outputs)[:, found.seen]
+    pressed = pressing(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
+    if not pressed.rows.size:
+        return replace(_reduced(measured, found.reduction, groups), pressed=pressed)
+    tied = Reduction.of(still, np.vstack([rows, pressed.rows]))
+    return replace(_reduced(measured, tied, found.groups, found.variances), pressed=pressed)
+
+
+def _noisy_as(known: Sequence[Group], found: Sequence[Group]) -> Sequence[Group]:
+    """Groups with the noise of others, where these are of the same samples."""
+    if [group.count for group in known] != [group.count for group in found]:
+        return known
+    pairs = zip(known, found, strict=True)
+    return [replace(group, squares=other.squares, persistence=other.persistence) for group, other in pairs]
+
+
+def _reduced(
+    measured: "_Measured", reduction: Reduction, groups: Sequence[Group], known: Sequence[float] = ()
+) -> Estimate:
+    """The estimate for the values that move independently, with the noise of the groups, or a known one."""
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0
     part = np.ix_(seen, seen)
@@ -167,28 +228,28 @@ def estimate(compiled: Compiled, limits: Limits, values: Float, groups: Sequence
         spectrum = Spectrum.of_matrix(data + smoothness)
     else:
         spectrum = Spectrum.of_rows(reduction.rows(measured.rows)[:, seen])
-    each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts()]
+    each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts]
     used = [float(np.sum(spectrum.inverse * one)) for one in each]
-    variances = _variances(groups, used)
-    shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, variances, strict=True)]
+    found = known or variances(groups, used)
+    shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, found, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
     uneven = None
     if len(groups) > 1:
         uneven = np.sum([(share - dispersion) * one for share, one in zip(shares, each, strict=True)], axis=0)
-    return Estimate(reduction, seen, spectrum, data, smoothness, uneven, dispersion, tuple(variances))
-
-
-def _variances(groups: Sequence[Group], effective: Sequence[float]) -> list[float]:
-    """The variance of psi in each group; of all groups of its criterion where it has too few samples of its own."""
-    found = []
-    for group, used in zip(groups, effective, strict=True):
-        own = group.variance(used)
-        if np.isnan(own):
-            members = [(g, e) for g, e in zip(groups, effective, strict=True) if g.criterion == group.criterion]
-            left = sum(g.count - e for g, e in members)
-            own = sum(g.squares for g, _ in members) / left if left >= LEAST else float("nan")
-        found.append(own)
-    return found
+    return Estimate(
+        reduction=reduction,
+        seen=seen,
+        spectrum=spectrum,
+        data=data,
+        smoothness=smoothness,
+        uneven=uneven,
+        dispersion=dispersion,
+        groups=tuple(groups),
+        variances=tuple(found),
+        gradient=reduction.vector(measured.gradient)[seen],
+        own=np.diag(measured.data),
+        informed=np.diag(measured.data) + np.diag(measured.smoothness) > 0,
+    )
 
 
 class _Measured:
@@ -196,8 +257,7 @@ class _Measured:
 
     def __init__(self, compiled: Compiled, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
-        self._full = compiled.start.copy()
-        self._full[: values.size] = values
+        self._full = self.whole(values)
         objective = SumOfSquares(compiled)
         self.gradient = objective.normal(values)[0].copy()
         self.smoothness = np.zeros((values.size, values.size))
@@ -211,17 +271,22 @@ class _Measured:
         else:
             self.data = accumulator.normal(self._full).matrix.copy()
 
+    def whole(self, values: Float) -> Float:
+        """The free values and behind them the fixed ones."""
+        found = self._compiled.start.copy()
+        found[: values.size] = values
+        return found
+
     def _bread(self) -> Accumulator:
         if all(group.slope == group.weight for group in self._groups):
             return self._compiled.accumulator
-        return self._rescored({(g.criterion, g.score): g.score * g.slope / g.weight for g in self._groups})
+        return self._rescored(self._groups)
 
-    def _rescored(self, scores: dict[tuple[int, float], float]) -> Accumulator:
-        return Accumulator(self._compiled.kernel, rescored(self._compiled.samples, scores))
+    def _rescored(self, groups: Sequence[Group]) -> Accumulator:
+        factors = {group: group.slope / group.weight for group in groups}
+        return Accumulator(self._compiled.kernel, rescored(self._compiled, factors))
 
+    @cached_property
     def parts(self) -> list[Float]:
         """The curvature of each group's data."""
-        return [
-            self._rescored({(g.criterion, g.score): g.score * g.slope / g.weight}).normal(self._full).matrix.copy()
-            for g in self._groups
-        ]
+        return [self._rescored([group]).normal(self._full).matrix.copy() for group in self._groups]

@@ -1,6 +1,6 @@
 """The end of a fit, from which its trust is computed when somebody asks for it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.limits.output_limits import OutputLimits
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Scorer
+from kennfeld.optimize.solver.gauss_newton import Status
 from kennfeld.optimize.solver.threads import blas_threads
+from kennfeld.optimize.trust.counting import touching_samples
 from kennfeld.optimize.trust.estimate import Estimate, estimate
+from kennfeld.optimize.trust.holding import Holding, distances, outputs_held
 from kennfeld.optimize.trust.noise import Group, groups
 from kennfeld.optimize.trust.search import weak_directions
 from kennfeld.optimize.trust.shapes import shapes
@@ -24,6 +28,7 @@ from kennfeld.parameters import ParameterSet
 __all__ = ["Inspection"]
 
 MOST = 12  # directions that are named
+SETTLED = 0.05  # standard deviations that a value may still be from its best and count as there
 
 
 class Inspection:
@@ -34,10 +39,17 @@ class Inspection:
     """
 
     def __init__(
-        self, problem: Problem, values: Float, informed: Mapping[str, Bool], compiled: Compiled, scorer: Scorer
+        self,
+        problem: Problem,
+        values: Float,
+        informed: Mapping[str, Bool],
+        compiled: Compiled,
+        scorer: Scorer,
+        outputs: Callable[[], OutputLimits | None] = lambda: None,
+        status: Status = "converged",
     ) -> None:
         self.problem, self.values, self.informed = problem, values, informed
-        self.compiled, self.scorer = compiled, scorer
+        self.compiled, self.scorer, self.outputs, self.status = compiled, scorer, outputs, status
 
     def __getstate__(self) -> dict[str, Any]:
         return {"trust": self.trust}
@@ -50,7 +62,7 @@ class Inspection:
                 found = self._trust()
             except np.linalg.LinAlgError:  # a result is never lost over what is said about it
                 found = Trust(informed=self.informed)
-        del self.compiled, self.scorer
+        del self.compiled, self.scorer, self.outputs
         return found
 
     def _trust(self) -> Trust:
@@ -58,40 +70,59 @@ class Inspection:
         full = compiled.start.copy()
         full[: self.values.size] = self.values
         parameters = compiled.values.unpack(full, problem.parameters)
-        fitted = [scorer.errors(bound, parameters) for bound in problem.training]
-        training = groups(problem.criteria, problem.training, fitted)
-        found = estimate(compiled, limits_of(problem, compiled.values), self.values, training)
+
+        def judged(values: Float) -> list[Group]:
+            there = full.copy()
+            there[: values.size] = values
+            moved = compiled.values.unpack(there, problem.parameters)
+            errors = [scorer.errors(bound, moved) for bound in problem.training]
+            return groups(problem.criteria, problem.training, errors, compiled.weighting)
+
+        outputs = self.outputs()
+        touched = None if outputs is None else outputs.touched(self.values, parameters)
+        found = estimate(compiled, limits_of(problem, compiled.values), self.values, judged, touched)
         if found is None:
             return Trust(informed=self.informed)
-        touched = compiled.accumulator.touched(full)
+        training, samples = found.groups, touching_samples(compiled, full)
         deviation = found.deviation(error=True)
         split = _Split(problem, compiled)
+        seen = found.informed | (self.values != compiled.start[: self.values.size])
+        informed = {name: self.informed.get(name, also) for name, also in split(seen).items()}
         known = np.zeros(self.values.size, dtype=bool)
         for name, columns in split.columns.items():
-            known[columns] = self.informed[name].ravel()
+            known[columns] = informed[name].ravel()
         return Trust(
             noise=_by_criterion(problem.criteria, _noises(problem.criteria, training, found.variances)),
             persistence=_by_criterion(problem.criteria, _persistences(problem.criteria, training)),
             freedom=found.freedom,
-            informed=self.informed,
-            samples=split(touched),
+            informed=informed,
+            samples=split(samples),
             deviation=split(deviation),
             scatter=split(found.deviation(error=False)),
-            by_smoothness=split((touched == 0) & known & np.isfinite(deviation) & (deviation > 0)),
-            directions=self._directions(found, split, parameters, touched),
+            by_smoothness=split(~found.met & known & np.isfinite(deviation) & (deviation > 0)),
+            directions=self._directions(found, split, informed, parameters, samples),
+            holdings=(*self._outputs_held(found, outputs, split), *self._distances(split, full)),
+            remark=self._remark(found),
             estimate=found,
             columns={name: int(columns[0]) for name, columns in split.columns.items()},
         )
 
     def _directions(
-        self, found: Estimate, split: "_Split", parameters: ParameterSet, touched: Int
+        self,
+        found: Estimate,
+        split: "_Split",
+        informed: Mapping[str, Bool],
+        parameters: ParameterSet,
+        samples: Int,
     ) -> tuple[Direction, ...]:
         """Values that nothing informs, table by table; then the weak directions of the others."""
-        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(touched))
+        axes = {name: axis.places[0] for name, axis in split.axes.items()}
+        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(samples), axes)
         held = split(found.reduction.held)
-        open_values = {name: ~seen & ~held[name] for name, seen in self.informed.items()}
+        open_values = {name: ~seen & ~held[name] for name, seen in informed.items()}
         idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
-        candidates = shapes(self.problem.model.graph, parameters, held)
+        tables = {name: where for name, where in held.items() if name not in axes}
+        candidates = shapes(self.problem.model.graph, parameters, tables)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
@@ -99,28 +130,58 @@ class Inspection:
         told = [
             words.named(w, split(w.change)) if w.amounts else words.nameless(w, split(w.change), split(w.weight))
             for w in weak
-            if any(np.any(part) for part in split(w.weight).values())  # else it moves breakpoints alone
         ]
         return (*idle, *told)
 
+    def _outputs_held(self, found: Estimate, outputs: OutputLimits | None, split: "_Split") -> Iterator[Holding]:
+        if outputs is not None and found.pressed is not None:
+            bounds = self.problem.training
+            yield from outputs_held(found.pressed, outputs.sides, bounds, split.columns, np.sqrt(found.own))
+
+    def _distances(self, split: "_Split", full: Float) -> Iterator[Holding]:
+        names = {axis.key: name for name, axis in split.axes.items()}
+        return distances(self.problem.free_axes, self.compiled.values, full, names)
+
+    def _remark(self, found: Estimate) -> str:
+        """A sentence on a search that did not come to its end."""
+        if self.status == "converged":
+            return ""
+        far = found.distance
+        what = f"by {far:.2g} standard deviations" if far >= SETTLED else "by next to nothing"
+        return (
+            f"The search ended as {self.status}. By the slopes at its end a value would still move {what}; "
+            "what is said of the values holds around that end."
+        )
+
 
 class _Split:
-    """Cuts arrays over all free values into those of the parameters."""
+    """Cuts arrays over all free values into those of the parameters, and of the axes whose breakpoints are free.
+
+    An axis is called as elsewhere, `AxisSpeed` or `MapTorque.x`; where a parameter has that name, `axis AxisSpeed`.
+    """
 
     def __init__(self, problem: Problem, compiled: Compiled) -> None:
-        offsets = compiled.values.offsets
-        self._tables = {name: problem.parameters[name] for name in problem.free_names}
-        self.columns = {name: offsets[name] + np.arange(table.size) for name, table in self._tables.items()}
+        values, tables = compiled.values, {name: problem.parameters[name] for name in problem.free_names}
+        self.axes = {
+            f"axis {key}" if str(key) in problem.parameters else str(key): axis
+            for key, axis in problem.free_axes.items()
+            if values.moving.get(key, values.free) < values.free
+        }
+        self._shapes = {name: table.values.shape for name, table in tables.items()}
+        self._shapes |= {name: (len(axis.axis),) for name, axis in self.axes.items()}
+        first = {name: values.offsets[name] for name in tables}
+        first |= {name: values.moving[axis.key] for name, axis in self.axes.items()}
+        self.columns = {name: at + np.arange(int(np.prod(self._shapes[name]))) for name, at in first.items()}
 
     def __call__(self, whole: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        return {name: whole[at].reshape(self._tables[name].values.shape) for name, at in self.columns.items()}
+        return {name: whole[at].reshape(self._shapes[name]) for name, at in self.columns.items()}
 
 
 def _noises(criteria: Sequence[Criterion], training: Sequence[Group], variances: Sequence[float]) -> list[float]:
     """The noise of each criterion in its target's unit, over all its groups."""
     found = []
     for i, criterion in enumerate(criteria):
-        own = [(g, v / g.slope**2) for g, v in zip(training, variances, strict=True) if g.criterion == i]
+        own = [(g, v / g.slope**2 / g.typical) for g, v in zip(training, variances, strict=True) if g.criterion == i]
         total = sum(group.count for group, _ in own)
         mean = sum(group.count * variance for group, variance in own) / total if total else float("nan")
         found.append(criterion.scale * float(np.sqrt(mean)))

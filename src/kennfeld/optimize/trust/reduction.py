@@ -93,6 +93,11 @@ class Reduction:
             found += self.follow.T @ matrix[np.ix_(self.dependent, self.dependent)] @ self.follow
         return found
 
+    def vector(self, vector: Float) -> Float:
+        """Z'v."""
+        found: Float = vector[self.independent] + self.follow.T @ vector[self.dependent]
+        return found
+
     def rows(self, rows: Float) -> Float:
         """Rows over all values as rows over the independent ones."""
         found: Float = rows[:, self.independent]

@@ -1,6 +1,6 @@
 """How far the values of a result can be trusted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError, nearest
 from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.estimate import Estimate
+from kennfeld.optimize.trust.holding import Holding
 from kennfeld.optimize.trust.words import Direction
 
 __all__ = ["Trust"]
@@ -18,13 +19,15 @@ __all__ = ["Trust"]
 
 @dataclass(frozen=True, eq=False)
 class Trust:
-    """What the data determine of the free values; empty for a fit that failed.
+    """What the data determine of the free values; empty for a fit that failed, and where limits cannot be kept.
 
-    Mappings are by parameter, arrays of the shape of its values; those of the noise are by criterion.
+    Mappings are by parameter, arrays of the shape of its values; those of the noise are by criterion. Breakpoints that
+    are fitted stand behind the parameters, by axis: `AxisSpeed` for a group axis, else `MapTorque.x`.
 
     Attributes:
         noise: standard deviation of the residuals in the target's unit, for the degrees of freedom that the fit used;
-            under a robust loss, of the noise without outliers that would scatter the values as much.
+            under a robust loss, of the noise without outliers that would scatter the values as much; of samples with
+            weights of their own, that of a sample of mean weight.
         persistence: samples in a row that count as one independent sample; 1 for steady-state data.
         freedom: degrees of freedom that the fit used, in effect the number of values that the data decide.
         informed: values that data or smoothness inform; the others keep their start.
@@ -34,6 +37,8 @@ class Trust:
         scatter: the part of `deviation` that repeated measurements would show. Less than it where smoothness decides.
         by_smoothness: values that no sample touches and that smoothness holds.
         directions: common changes of values that the data do not see, or hardly; worst first.
+        holdings: limits of outputs that are met, and what they hold; breakpoints at their least distance.
+        remark: a sentence where the search did not come to its end; else empty.
     """
 
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -45,6 +50,8 @@ class Trust:
     scatter: Mapping[str, Float] = field(default_factory=dict)
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
     directions: tuple[Direction, ...] = ()
+    holdings: tuple[Holding, ...] = ()
+    remark: str = ""
     estimate: Estimate | None = field(default=None, repr=False)
     columns: Mapping[str, int] = field(default_factory=dict, repr=False)  # of a parameter's first value
 
@@ -93,16 +100,18 @@ class Trust:
         values = 0 if self.estimate is None else self.estimate.reduction.size  # free breakpoints among them
         noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
         decided = [f"The data decide {self.freedom:.1f} of {values} values."] if values else []
-        return "\n".join([*noise, *decided, *map(str, self.directions)])
+        remark = [self.remark] if self.remark else []
+        return "\n".join([*remark, *noise, *decided, *map(str, self.holdings), *map(str, self.directions)])
 
     def as_json(self) -> dict[str, Any]:
-        """What `result.json` tells of it; numbers that are not finite are None."""
+        """What `result.json` tells of it; numbers that are not finite, or where nothing is known, are None."""
+        known = self.estimate is not None
         return {
             "noise": {name: _finite(value) for name, value in self.noise.items()},
             "persistence": {name: _finite(value) for name, value in self.persistence.items()},
-            "freedom": _finite(self.freedom),
-            "undetermined": sum(int(np.isinf(values).sum()) for values in self.deviation.values()),
-            "by_smoothness": sum(int(flags.sum()) for flags in self.by_smoothness.values()),
+            "freedom": _finite(self.freedom) if known else None,
+            "undetermined": _counted(np.isinf(v) for v in self.deviation.values()) if known else None,
+            "by_smoothness": _counted(self.by_smoothness.values()) if known else None,
             "directions": [
                 {
                     "sentence": direction.sentence,
@@ -113,6 +122,8 @@ class Trust:
                 }
                 for direction in self.directions
             ],
+            "holdings": [vars(holding) | {"parameters": list(holding.parameters)} for holding in self.holdings],
+            "remark": self.remark,
         }
 
     def _columns(self) -> dict[str, Int]:
@@ -125,6 +136,10 @@ class Trust:
                 raise ArgumentError(f"{name} is no free parameter of this result. {nearest(name, columns)}".strip())
         parts = [columns[name] for name in (columns if names is None else names)]
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
+
+def _counted(marks: Iterable[Bool]) -> int:
+    return sum(int(np.count_nonzero(each)) for each in marks)
 
 
 def _finite(value: float) -> float | None:

@@ -51,16 +51,28 @@ class Direction:
 class Describer:
     """Words for directions around calibrated `parameters` of a function; `start` is the calibration before.
 
-    `samples` counts the training samples at each value.
+    `samples` counts the training samples at each value. `free_axes` names the axes among them whose breakpoints are
+    values, each with a table that lies on it and its direction there.
     """
 
-    def __init__(self, graph: Graph, parameters: ParameterSet, start: ParameterSet, samples: Mapping[str, Int]) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        parameters: ParameterSet,
+        start: ParameterSet,
+        samples: Mapping[str, Int],
+        free_axes: Mapping[str, tuple[str, int]] | None = None,
+    ) -> None:
         self._parameters, self._start, self._samples = parameters, start, samples
-        self._axes = {name: _axes(graph, parameters[name]) for name in samples}
+        axes = {} if free_axes is None else free_axes
+        self._free_axes = {name: parameters[table].axes[which] for name, (table, which) in axes.items()}
+        self._axes = {name: _axes(graph, parameters[name]) for name in samples if name not in axes}
 
     def uninformed(self, name: str, where: Bool) -> Direction:
         """Values of one table that neither data nor smoothness inform."""
         count = int(np.count_nonzero(where))
+        if name in self._free_axes:
+            return self._idle_breakpoints(name, where)
         if count < where.size:
             places = [self._place(name, at) for at in np.argwhere(where)[:NAMED].tolist()]
             more = ", ..." if count > NAMED else ""
@@ -74,6 +86,24 @@ class Describer:
         sentence = f"No data and no smoothness inform {which}: {keeps}."
         return Direction(
             sentence, f"{_listed(mends, 'or')}.", {name: where.astype(np.float64)}, True, 0.0, float("inf")
+        )
+
+    def _idle_breakpoints(self, name: str, where: Bool) -> Direction:
+        """Breakpoints without data around them, or on a flat part of all their tables."""
+        numbers = np.flatnonzero(where).tolist()
+        which = [self._breakpoint(name, i) for i in numbers[:NAMED]] + (["..."] if len(numbers) > NAMED else [])
+        one = len(numbers) == 1
+        sentence = (
+            f"No data tell where {_listed(which)} of {name} {'lies' if one else 'lie'}: "
+            f"the tables are flat there, or without data; {'it keeps its' if one else 'they keep their'} place."
+        )
+        return Direction(
+            sentence,
+            "Give the axis fewer breakpoints, or fix them.",
+            {name: where.astype(np.float64)},
+            True,
+            0.0,
+            float("inf"),
         )
 
     def named(self, weak: Weak, parts: Mapping[str, Float]) -> Direction:
@@ -95,7 +125,8 @@ class Describer:
         unit = PERCENT * self._typical(names[0]) / float(parts[names[0]].ravel()[first])
         verbs = [v for name in names for v in self._points(name, parts[name] * unit, weights[name])]
         deviation = weak.deviation / abs(unit)
-        size = f"{100 * PERCENT * deviation:.2g} % of the largest value of {names[0]}"
+        whole = "mean distance of breakpoints" if names[0] in self._free_axes else "largest value"
+        size = f"{100 * PERCENT * deviation:.2g} % of the {whole} of {names[0]}"
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
         together = " together" if len(verbs) > 1 else ""
         sentence = f"{_clauses(verbs)}{together} {_effect(weak, size)}."
@@ -106,6 +137,8 @@ class Describer:
         return strength[name] >= SLIGHT * max(strength.values())
 
     def _typical(self, name: str) -> float:
+        if name in self._free_axes:
+            return float(np.diff(self._free_axes[name].breakpoints).mean())
         return float(np.abs(np.nan_to_num(self._parameters[name].values)).max()) or 1.0
 
     def _picture(self, shape: Shape) -> float:
@@ -145,9 +178,11 @@ class Describer:
     def _points(self, name: str, part: Float, weight: Float) -> list[tuple[str, str]]:
         """The strongest grid points of a table, those that go up and those that go down."""
         order = np.argsort(-weight, axis=None, kind="stable")
-        some = np.count_nonzero(part) > NAMED
+        some = int(np.count_nonzero(part)) > NAMED
         chosen = [int(i) for i in order[:NAMED] if weight.flat[i] >= SHARE * weight.flat[order[0]]]
         chosen = chosen[:1] if some else chosen
+        if name in self._free_axes:
+            return [self._moved_breakpoint(name, i, float(part.flat[i]), others=some) for i in chosen]
         verbs = []
         for sign, verb in ((1, "raising"), (-1, "lowering")):
             places = [
@@ -157,6 +192,15 @@ class Describer:
                 at = f" at {_listed([p for p in places if p])}" if any(places) else ""
                 verbs.append((verb, f"{name}{' around' if some else at}{at.removeprefix(' at') if some else ''}"))
         return verbs
+
+    def _moved_breakpoint(self, name: str, number: int, change: float, *, others: bool) -> tuple[str, str]:
+        around = " and others" if others else ""
+        verb = "raising" if change > 0 else "lowering"
+        return verb, f"{self._breakpoint(name, number)}{around} of {name}"
+
+    def _breakpoint(self, name: str, number: int) -> str:
+        """Which one it is, and where it stands."""
+        return f"the {_ordinal(number + 1)} breakpoint ({self._free_axes[name].breakpoints[number]:.6g})"
 
     def _pin(self, amounts: Amounts, parts: Mapping[str, Float]) -> str:
         """One value that settles the direction once it is known: of the smallest table that is not just shifted."""
@@ -181,9 +225,14 @@ class Describer:
         return f"({named})" if named else ""
 
     def _separate(self, names: Sequence[str]) -> str:
-        tables = [name for name in names if max(self._parameters[name].values.shape, default=0) > 2]
+        if all(name in self._free_axes for name in names):
+            return "Give the axis fewer breakpoints, or fix them."
+        named = [name for name in names if name not in self._free_axes]
+        tables = [name for name in named if max(self._parameters[name].values.shape, default=0) > 2]
         smoother = f"give {_listed(tables, 'or')} more smoothness" if tables else "lock one of them"
-        return f"Record samples that tell them apart, or {smoother}."
+        axes = [name for name in names if name in self._free_axes]
+        mends = ["Record samples that tell them apart", *(f"give {name} fewer breakpoints" for name in axes), smoother]
+        return f"{', '.join(mends[:-1])}, or {mends[-1]}."
 
 
 def _effect(weak: Weak, size: str) -> str:
@@ -196,6 +245,19 @@ def _effect(weak: Weak, size: str) -> str:
     if weak.seen < 0.1 * weak.ratio:
         return f"changes hardly anything; mostly smoothness holds it, to +-{size}"
     return f"changes hardly anything; it is known to +-{size}"
+
+
+def _ordinal(number: int) -> str:
+    """A number as one counts.
+
+    >>> _ordinal(3), _ordinal(12), _ordinal(21)
+    ('third', '12th', '21st')
+    """
+    small = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+    if number <= len(small):
+        return small[number - 1]
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _clauses(verbs: Sequence[tuple[str, str]]) -> str:

@@ -1,0 +1,140 @@
+"""Products A H^-1 A' of sparse rows A, which need only the forward half V = A P' L^-T of each solve with H.
+
+V are the rows that would follow H in a factorisation of [[H, A'], [A, 0]], so they are computed as such: in blocks of
+eight, each from its first non-zero on. Rows that begin late are little work, and are put together.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.native.cholesky import Factor
+from kennfeld.native.engine import Engine
+from kennfeld.native.envelope import BLOCK
+from kennfeld.native.ir import EIGHT, Function
+from kennfeld.native.panels import FACTOR, column_of, divide, first_of, more, panel_of, reduced
+
+__all__ = ["Gram"]
+
+
+class Gram:
+    """A H^-1 A' for rows A that become more. The factor of H must not change meanwhile.
+
+    >>> gram = Gram(Factor.of(np.array([[2.0, 0.0], [0.0, 1.0]])))
+    >>> gram.add(np.array([[0, 1]]), np.array([[1.0, -1.0]]))
+    >>> gram.products
+    array([[1.25]])
+    """
+
+    def __init__(self, factor: Factor) -> None:
+        self._factor = factor
+        self._place = np.empty(factor.envelope.size, dtype=np.int64)
+        self._place[factor.envelope.order] = np.arange(factor.envelope.size)
+        self._halves = np.zeros((0, factor.inverse.size, BLOCK))  # V, block row by block row, column by column
+        self._begins = np.zeros(0, dtype=np.int64)  # of each block row of V, its first block column
+        self._numbers = np.zeros(0, dtype=np.int64)  # of each row of V, that of A from 1 on; 0 fills up blocks
+        self._products = np.zeros((1, 1))  # row and column 0 are what fills up blocks
+
+    def add(self, columns: Int, coefficients: Float) -> None:
+        """More rows of A, by their columns and the coefficients there, both of shape (rows, width)."""
+        place = self._place[columns]
+        begin = np.where(coefficients != 0, place // BLOCK, self._factor.envelope.blocks).min(axis=1)
+        order = np.argsort(begin, kind="stable")
+        halves = _scattered(place[order], coefficients[order], self._factor.inverse.size)
+        known, before = self._begins.size, len(self._products)
+        numbers = np.zeros(len(halves) * BLOCK, dtype=np.int64)
+        numbers[: order.size] = before + order
+        products = np.empty((before + order.size, before + order.size))
+        products[:before, :before] = self._products
+        self._halves = np.concatenate([self._halves, halves]) if known else halves
+        self._begins = np.concatenate([self._begins, begin[order][::BLOCK]])
+        self._numbers = np.concatenate([self._numbers, numbers])
+        self._products = products
+        self._compute(known)
+
+    def _compute(self, known: int) -> None:
+        """The block rows after those known, and their products with all."""
+        rows = (self._halves.ctypes.data, self._begins.ctypes.data, known, self._begins.size)
+        _functions()["halve"](*self._factor.pointers, *rows)
+        products = (self._numbers.ctypes.data, self._products.ctypes.data, len(self._products))
+        _functions()["multiply"](*rows, self._factor.envelope.blocks, *products)
+
+    @property
+    def products(self) -> Float:
+        """A H^-1 A', rows and columns in the order they were given."""
+        return self._products[1:, 1:]
+
+
+def _scattered(columns: Int, coefficients: Float, size: int) -> Float:
+    """Sparse rows as block rows, stored column by column."""
+    full = np.zeros((-(-len(columns) // BLOCK), size, BLOCK))
+    rows, entries = np.nonzero(coefficients)
+    places = (rows // BLOCK * size + columns[rows, entries]) * BLOCK + rows % BLOCK
+    np.add.at(full.ravel(), places, coefficients[rows, entries])
+    return full
+
+
+ROWS = (("ptr", "halves"), ("ptr", "begins"), ("i64", "known"), ("i64", "count"))
+
+
+@cache
+def _functions() -> dict[str, Callable[..., None]]:
+    written = [_halve(), _multiply()]
+    engine = Engine("".join(f.text() for f in written))
+    return {f.name: engine.function(f.name, f.parameters) for f in written}
+
+
+def _row(f: Function, block: str, blocks: str) -> str:
+    """The address of column 0 of a block row of V."""
+    return f.at("%halves", f.mul(f.mul(block, blocks), BLOCK * BLOCK))
+
+
+def _begin(f: Function, block: str) -> str:
+    """The first column of a block row of V."""
+    return f.mul(f.load("%begins", block, "i64"), BLOCK)
+
+
+def _halve() -> Function:
+    """`halve(factor, rows)`: V L' = A P' in place, one block after the other."""
+    f = Function("halve", [*FACTOR, *ROWS])
+    with f.loop("%known", "%count") as b:
+        panel = _row(f, b, "%blocks")
+        with f.loop(f.load("%begins", b, "i64"), "%blocks") as j:
+            other = panel_of(f, j)
+            later = f.new(f"call i64 @llvm.smax.i64(i64 {_begin(f, b)}, i64 {first_of(f, j)})")
+            divide(f, panel, other, j, reduced(f, panel, other, later, f.mul(j, BLOCK)))
+    return f
+
+
+def _multiply() -> Function:
+    """`multiply(rows, blocks, numbers, products, stride)`: V V' of the block rows after those known with all."""
+    result = (("ptr", "numbers"), ("ptr", "products"), ("i64", "stride"))
+    f = Function("multiply", [*ROWS, ("i64", "blocks"), *result])
+    with f.loop("%known", "%count") as b, f.loop(0, f.add(b, 1)) as c:
+        own, other = _row(f, b, "%blocks"), _row(f, c, "%blocks")
+        later = f.new(f"call i64 @llvm.smax.i64(i64 {_begin(f, b)}, i64 {_begin(f, c)})")
+        sums = [f.slot(EIGHT) for _ in range(BLOCK)]
+        for total in sums:
+            f.store("zeroinitializer", total, kind=EIGHT)
+        with f.loop(later, f.mul("%blocks", BLOCK)) as k:
+            vector = f.load(column_of(f, own, k), kind=EIGHT)
+            scalars = column_of(f, other, k)
+            for lane, total in enumerate(sums):
+                f.store(more(f, f.load(total, kind=EIGHT), vector, f.load(scalars, lane)), total, kind=EIGHT)
+        _spread(f, [f.load(total, kind=EIGHT) for total in sums], b, c)
+    return f
+
+
+def _spread(f: Function, block: list[str], b: str, c: str) -> None:
+    """The columns of a block into the symmetric matrix of products, on both sides of its diagonal."""
+    stored = f.slot(EIGHT, BLOCK)
+    for lane, vector in enumerate(block):
+        f.store(vector, stored, lane, EIGHT)
+    rows, columns = (f.at("%numbers", f.mul(number, BLOCK)) for number in (b, c))
+    with f.loop(0, BLOCK) as i, f.loop(0, BLOCK) as j:
+        row, column = f.load(rows, i, "i64"), f.load(columns, j, "i64")
+        value = f.load(stored, f.add(f.mul(j, BLOCK), i))
+        f.store(value, "%products", f.add(f.mul(row, "%stride"), column))
+        f.store(value, "%products", f.add(f.mul(column, "%stride"), row))

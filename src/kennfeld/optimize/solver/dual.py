@@ -1,0 +1,129 @@
+"""The small quadratic program of the multipliers: min 1/2 m'Sm - e'm, where all but a few m may not fall below 0.
+
+S is singular where limits depend on each other, such as the four slopes around a flat cell of a map.
+"""
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.native import Factor
+
+__all__ = ["nonnegative_dual"]
+
+RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor
+NEGATIVE = 1e-10  # a multiplier below 0 by this share of the largest is wrong
+PASSED = 1e-14  # a slope below 0 by this share of what it is summed from is wrong
+PATIENCE = 6  # exchanges of whole blocks that leave no fewer wrong than ever before
+
+
+def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
+    """The multipliers m, of which the first `equalities` are free; `guess` are likely to be above 0.
+
+    Block principal pivoting (J. Judice, F. Pires: A block principal pivoting algorithm for large-scale strictly
+    monotone linear complementarity problems, 1994) settles in a few exchanges, or not at all where many rows depend on
+    each other; then one row at a time. A row that no value enters, with 0 on the diagonal of S, has no multiplier.
+    """
+    dual = _Dual(matrix, excess, equalities)
+    m = dual.by_blocks(dual.wanted > 0 if guess is None else guess)
+    if m is None:
+        m = dual.one_by_one()
+    return np.where(dual.bounded, np.maximum(m, 0.0), m)
+
+
+class _Dual:
+    """The program, and what is wrong with multipliers, measured in units of each row's own length."""
+
+    def __init__(self, matrix: Float, excess: Float, equalities: int) -> None:
+        self.matrix, self.excess = matrix, excess
+        self.entered = np.diag(matrix) > 1e-300
+        self.bounded = self.entered & (np.arange(excess.size) >= equalities)
+        self.scale = np.sqrt(np.where(self.entered, np.diag(matrix), 1.0))
+        self.wanted = np.where(self.entered, excess / self.scale, 0.0)
+
+    def by_blocks(self, guess: Bool) -> Float | None:
+        """All that is wrong is exchanged at once; None where that does not settle."""
+        inside = self.entered & (~self.bounded | guess)
+        best, patience = inside.size + 1, PATIENCE
+        while patience:
+            m = self.solved(inside)
+            wrong = self.bounded & np.where(inside, self.negative(m), self.slope(m) < -self.rounding(m))
+            count = int(np.count_nonzero(wrong))
+            if count == 0:
+                return m
+            best, patience = (count, PATIENCE) if count < best else (best, patience - 1)
+            inside ^= wrong
+        return None
+
+    def one_by_one(self) -> Float:
+        """From none, the row with the steepest slope enters and those that reach 0 on the way leave.
+
+        The cost falls with each step, so that no choice comes twice (C. Lawson, R. Hanson: Solving least squares
+        problems, 1974, chapter 23).
+        """
+        inside = self.entered & ~self.bounded
+        useless = np.zeros(inside.size, dtype=bool)
+        m = self.solved(inside)
+        for _ in range(10 * inside.size):
+            slope = np.where(self.bounded & ~inside & ~useless, self.slope(m), np.inf)
+            entering = int(np.argmin(slope))
+            if not slope[entering] < -self.rounding(m):
+                break
+            inside[entering] = True
+            moved = self._towards_zero_slope(m, inside)
+            useless[entering] = not inside[entering] and np.array_equal(moved, m)
+            if not useless[entering]:
+                useless[:] = False
+            m = moved
+        return m
+
+    def _towards_zero_slope(self, m: Float, inside: Bool) -> Float:
+        """Multipliers where the slope is 0 `inside`, from which those that would fall below 0 on the way are taken."""
+        while True:
+            target = self.solved(inside)
+            falling = self.bounded & inside & (target <= 0)
+            if not falling.any() or not np.all(np.isfinite(target)):
+                return target
+            shares = np.full(m.size, np.inf)
+            shares[falling] = m[falling] / np.where(m > target, m - target, 1.0)[falling]
+            share = float(shares.min())
+            m = m + share * (target - m)
+            inside &= shares > share
+            m[self.bounded & ~inside] = 0.0
+
+    def solved(self, inside: Bool) -> Float:
+        """Multipliers `inside` for which the slope is 0 there; the others are 0.
+
+        Of dependent rows a ridge makes a small one. What it costs in digits a second solve gives back (J. Riley:
+        Solving systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix,
+        1955).
+        """
+        m, which = np.zeros(inside.size), np.flatnonzero(inside)
+        factor = self._factor(which)
+        if factor is None:  # not finite: no step will do
+            m[which] = np.nan
+            return m
+        m[which] = factor.solve(self.excess[which])
+        m[which] += factor.solve((self.excess - self.matrix @ m)[which])
+        return m
+
+    def _factor(self, which: Int) -> Factor | None:
+        ridge = RIDGE * np.diag(self.matrix)
+        while (factor := Factor.part(self.matrix, which, ridge)) is None and ridge.max() <= self.matrix.max():
+            ridge = 100 * ridge
+        return factor
+
+    def slope(self, m: Float) -> Float:
+        """Of the cost, along each multiplier."""
+        slope: Float = (self.matrix @ m - self.excess) / self.scale
+        return slope
+
+    def rounding(self, m: Float) -> float:
+        """A slope this small is 0."""
+        summed = np.abs(self.wanted).max(initial=0.0) + np.abs(m * self.scale).sum()
+        return PASSED * float(summed)
+
+    def negative(self, m: Float) -> Bool:
+        """Which multipliers are below 0, by more than rounding."""
+        scaled = m * self.scale
+        negative: Bool = scaled < -NEGATIVE * np.abs(scaled).max(initial=0.0)
+        return negative

@@ -1,0 +1,177 @@
+"""Training for free run: the numbers of an expansion are moved until the recursion, fed with itself, meets the output.
+
+Levenberg-Marquardt on the residuals of the free run, with exact sensitivities through the recursion:
+
+    dy_k/dp = df/dp (x_k) + sum over output lags l of df/dy_{k-l} dy_{k-l}/dp
+
+The weights are moved in the whitened basis L^-1 k(z, x), in which the square of their change is the roughness of the
+change of f (its norm in the space of the kernel). `Settings.hold` times that square is added to the squared residuals:
+what the data do not ask for stays as the one-step solution has it, or, with `toward_plane`, becomes the plane.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.expansion import Expansion
+from kennfeld.surrogate.kernel import bells, factor
+from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Runs, simulate
+
+__all__ = ["Settings", "free_run_rmse", "train_free_run"]
+
+BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
+PLANE = 1e-4  # how firmly the plane is held, in shares of `hold`
+MOST_DAMPING = 1e10
+WIDEST = 1.5  # a centre's width changes by at most exp of this
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How training for free run is done.
+
+    `hold` ties the expansion to where it began, or to its plane; 1 is about one standard deviation of the output.
+    `moves_centres` refines centres and widths as well. Training ends when a step lowers the cost by less than
+    `tolerance`, relatively, or after `iterations`.
+    """
+
+    hold: float = 10.0
+    toward_plane: bool = True
+    moves_centres: bool = False
+    limits: tuple[float, float] = UNLIMITED
+    iterations: int = 10
+    tolerance: float = 1e-3
+
+
+class _Values:
+    """The numbers that training moves, and the expansion they stand for; in units of the training data's spread."""
+
+    def __init__(self, start: Expansion, runs: Runs, settings: Settings) -> None:
+        self.start, self.moves_centres = start, settings.moves_centres
+        target = runs.one_step_target
+        self.height = float(target.std()) or 1.0
+        self.centre, self.spread = runs.points.mean(0), runs.points.std(0)
+        self.spread[self.spread <= 0] = 1.0
+        self.lengths = start.widths[0] if start.size else np.ones(start.inputs)
+        self.root = factor(bells(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
+        plane = [start.offset + float(start.slopes @ self.centre), *(start.slopes * self.spread)]
+        moved = np.zeros(2 * start.size * start.inputs if self.moves_centres else 0)
+        self.first = np.concatenate([np.array(plane) / self.height, self.root.T @ start.weights / self.height, moved])
+        self.hold = settings.hold * np.ones(self.first.size)
+        self.hold[: start.inputs + 1] *= PLANE
+        self.goal = self.first.copy()
+        if settings.toward_plane:
+            self.goal[start.inputs + 1 : start.inputs + 1 + start.size] = 0.0
+
+    def expansion(self, values: Float) -> Expansion:
+        from scipy.linalg import solve_triangular
+
+        start, d = self.start, self.start.inputs
+        slopes = self.height * values[1 : d + 1] / self.spread
+        weights = self.height * solve_triangular(self.root, values[d + 1 : d + 1 + start.size], lower=True, trans="T")
+        centres, widths = start.centres, start.widths
+        if self.moves_centres:
+            moved, wider = values[d + 1 + start.size :].reshape(2, start.size, d)
+            centres, widths = centres + widths * moved, widths * np.exp(np.clip(wider, -WIDEST, WIDEST))
+        return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
+
+    def direct(self, expansion: Expansion, x: Float) -> Float:
+        """df/dp at points Float[points, inputs], in units of height: Float[points, values]."""
+        from scipy.linalg import solve_triangular
+
+        plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
+        if not self.moves_centres:
+            near = bells(x, expansion.centres, self.lengths)
+            return np.concatenate([*plane, solve_triangular(self.root, near.T, lower=True).T], axis=1)
+        distance = (x[:, None, :] - expansion.centres) / expansion.widths
+        near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
+        columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
+        steep = (near * (expansion.weights / self.height))[:, :, None] * distance
+        columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
+        columns.append((steep * distance).reshape(len(x), -1))
+        return np.concatenate(columns, axis=1)
+
+
+def train_free_run(
+    start: Expansion, runs: Runs, settings: Settings, report: Callable[[int, float], None] = lambda step, rmse: None
+) -> Expansion:
+    """The expansion that meets the output of `runs` best when it runs on its own outputs, from `start` on.
+
+    `report` is called after each step with the RMSE in units of the output. Where the start itself runs away, it is
+    returned as it is. All widths of `start` must be one row repeated.
+    """
+    values = _Values(start, runs, settings)
+    at = values.first
+    expansion, run, cost = _evaluate(values, at, runs, settings)
+    damping, count = 1e-2, int(runs.scored.sum())
+    for step in range(settings.iterations if np.isfinite(cost) else 0):
+        matrix, gradient = _normal(values, expansion, run, runs)
+        matrix.flat[:: at.size + 1] += values.hold
+        gradient += values.hold * (at - values.goal)
+        scale = np.diag(matrix) + 1e-9 * np.diag(matrix).max()
+        before = cost
+        while damping < MOST_DAMPING:
+            trial = at - _solved(matrix, damping * scale, gradient)
+            tried, tried_run, tried_cost = _evaluate(values, trial, runs, settings)
+            if tried_cost < cost:
+                at, expansion, run, cost = trial, tried, tried_run, tried_cost
+                damping = max(damping / 5, 1e-12)
+                break
+            damping *= 4
+        report(step, values.height * float(np.sqrt(_misfit(run, runs, values) / count)))
+        if not before - cost > settings.tolerance * before:
+            break
+    return expansion
+
+
+def _solved(matrix: Float, damping: Float, gradient: Float) -> Float:
+    from scipy.linalg import cho_factor, cho_solve
+
+    damped = matrix + np.diag(damping)
+    step: Float = cho_solve(cho_factor(damped, lower=True, overwrite_a=True), gradient)
+    return step
+
+
+def _evaluate(values: _Values, at: Float, runs: Runs, settings: Settings) -> tuple[Expansion, FreeRun, float]:
+    expansion = values.expansion(at)
+    run = simulate(expansion, runs, settings.limits)
+    cost = _misfit(run, runs, values) + float(values.hold @ (at - values.goal) ** 2)
+    return expansion, run, cost if np.isfinite(cost) else np.inf
+
+
+def _misfit(run: FreeRun, runs: Runs, values: _Values) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.sum(((run.y - runs.target)[runs.scored] / values.height) ** 2))
+
+
+def _normal(values: _Values, expansion: Expansion, run: FreeRun, runs: Runs) -> tuple[Float, Float]:
+    """J'J and J'r of the free run, block by block of its steps; the last rows of a block begin the next."""
+    lags, size = runs.lags.output, values.first.size
+    steps, pieces = run.y.shape
+    back = max(lags)
+    visited = runs.visited(run.y)
+    residual = np.where(runs.scored, run.y - runs.target, 0.0) / values.height
+    matrix, gradient = np.zeros((size, size)), np.zeros(size)
+    block = max(BLOCK // (size * pieces), 1)
+    rows = np.zeros((back, pieces, size))
+    for first in range(0, steps, block):
+        part = slice(first, min(first + block, steps))
+        direct = values.direct(expansion, visited[part].reshape(-1, expansion.inputs)).reshape(-1, pieces, size)
+        direct[run.held[part]] = 0.0
+        rows = np.concatenate([rows[-back:], direct])
+        for k, slopes in enumerate(run.slopes[part], back):
+            for i, lag in enumerate(lags):
+                rows[k] += slopes[:, i, None] * rows[k - lag]
+        counted = rows[back:][runs.scored[part]]
+        matrix += counted.T @ counted
+        gradient += counted.T @ residual[part][runs.scored[part]]
+    return matrix, gradient
+
+
+def free_run_rmse(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNLIMITED) -> float:
+    """RMSE of the free run in units of the output; infinite where it runs away."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        residual = (simulate(expansion, runs, limits).y - runs.target)[runs.scored]
+        rmse = float(np.sqrt(np.mean(residual**2)))
+    return rmse if np.isfinite(rmse) else np.inf

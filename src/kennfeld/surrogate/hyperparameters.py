@@ -1,0 +1,89 @@
+"""Length scales and noise of a Gaussian process, by maximising its likelihood from several starts."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.surrogate.exact import exact_likelihood
+from kennfeld.surrogate.inducing import greedy
+from kennfeld.surrogate.plane import Plane
+from kennfeld.surrogate.sparse import sparse_bound
+
+__all__ = ["LENGTHS", "exact_hyperparameters", "sparse_hyperparameters"]
+
+LENGTHS = (2e-2, 1e3)  # in units of an input's spread; at the upper end it is without effect beyond the plane
+NOISE = (1e-8, 1e3)  # share of the variance of f
+FIRST_NOISE = 1e-2
+SCREENED = 300  # points that the starts are tried on
+SEARCHED = 2000  # points of the sparse search
+SEARCHED_CENTRES = 120
+ROUNDS = 2  # inducing inputs are chosen anew at the lengths just found
+
+Likelihood = Callable[[Float], tuple[float, Float]]
+
+
+def exact_hyperparameters(x: Float, y: Float, starts: int, seed: int, iterations: int = 100) -> tuple[Float, float]:
+    """Length scales Float[inputs] and eta of the exact process, all in units of spread."""
+    rng = np.random.default_rng(seed)
+    part = _part(len(y), SCREENED, rng)
+    found = _screened(x[part], y[part], starts, rng, iterations)
+    if part.size < len(y):
+        plane = Plane.over(x)
+        found = _climb(lambda values: exact_likelihood(values, x, y, plane), found, iterations)[1]
+    return np.exp(found[:-1]), float(np.exp(found[-1]))
+
+
+def sparse_hyperparameters(
+    x: Float, y: Float, centres: int, starts: int, seed: int, iterations: int = 30
+) -> tuple[Float, float]:
+    """Length scales Float[inputs] and eta of the sparse process: the exact one of a few points, led on by the bound."""
+    rng = np.random.default_rng(seed)
+    few = _part(len(y), SCREENED, rng)
+    found = _screened(x[few], y[few], starts, rng, iterations)
+    part = _part(len(y), SEARCHED, rng)
+    x, y = x[part], y[part]
+    plane = Plane.over(x)
+    for _ in range(ROUNDS):
+        z = x[greedy(x, min(centres, SEARCHED_CENTRES), np.exp(found[:-1]))]
+        found = _climb(lambda values, z=z: sparse_bound(values, x, y, z, plane), found, iterations)[1]  # type: ignore[misc]
+    return np.exp(found[:-1]), float(np.exp(found[-1]))
+
+
+def _part(count: int, most: int, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
+
+
+def _screened(x: Float, y: Float, starts: int, rng: np.random.Generator, iterations: int) -> Float:
+    """The best end of several climbs of the exact likelihood."""
+    plane = Plane.over(x)
+    ends = [
+        _climb(lambda values: exact_likelihood(values, x, y, plane), start, iterations)
+        for start in _starts(x.shape[1], starts, rng)
+    ]
+    return max(ends, key=lambda end: end[0])[1]
+
+
+def _starts(inputs: int, count: int, rng: np.random.Generator) -> list[Float]:
+    """The first is of middling smoothness; the others are drawn around it."""
+    middle = np.append(np.full(inputs, 0.5 * np.log(max(inputs, 2))), np.log(FIRST_NOISE))
+    drawn = [middle + rng.normal(0.0, [*([1.0] * inputs), 2.0]) for _ in range(max(count, 1) - 1)]
+    return [middle, *drawn]
+
+
+def _climb(likelihood: Likelihood, start: Float, iterations: int) -> tuple[float, Float]:
+    """Highest likelihood and where it is."""
+    from scipy.optimize import minimize
+
+    def negative(values: Float) -> tuple[float, Float]:
+        try:
+            value, slope = likelihood(values)
+        except np.linalg.LinAlgError:
+            return 1e25, np.zeros(values.size)
+        return -value, -slope
+
+    bounds = [tuple(np.log(LENGTHS))] * (start.size - 1) + [tuple(np.log(NOISE))]
+    clipped = np.clip(start, [low for low, _ in bounds], [high for _, high in bounds])
+    options = {"maxiter": iterations, "ftol": 1e-7, "maxfun": 2 * iterations}
+    found = minimize(negative, clipped, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+    return -float(found.fun), np.asarray(found.x, dtype=np.float64)

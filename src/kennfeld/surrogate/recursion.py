@@ -1,0 +1,153 @@
+"""The recursion of a dynamic model: y_k = f(its own past values, the inputs and their past values), within limits.
+
+Pieces of a recording run side by side; what comes after the end of a short one is ignored.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.errors import ArgumentError
+from kennfeld.expansion import Expansion
+from kennfeld.surrogate.lags import Lags
+
+__all__ = ["UNLIMITED", "FreeRun", "Run", "Runs", "simulate"]
+
+UNLIMITED = (-np.inf, np.inf)
+BLOCK = 1 << 19  # bells whose share of the inputs is worked out ahead: 4 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One piece of a recording on an even raster; samples that are not `counted` are run through without a score."""
+
+    u: Float  # Float[samples, inputs]
+    y: Float  # Float[samples]
+    counted: Bool | None = None  # Bool[samples]
+
+    @property
+    def scored(self) -> Bool:
+        """Bool[samples]: the samples that count."""
+        return np.ones(len(self.y), dtype=bool) if self.counted is None else self.counted
+
+    def part(self, first: int, end: int) -> "Run":
+        """Some of its samples."""
+        counted = None if self.counted is None else self.counted[first:end]
+        return Run(self.u[first:end], self.y[first:end], counted)
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Pieces side by side, as the recursion takes them; padded at their ends."""
+
+    lags: Lags
+    inputs: Float  # Float[steps, pieces, ...]: what the inputs give to each point
+    history: Float  # Float[longest output lag, pieces]: the outputs before the first step, oldest first
+    target: Float  # Float[steps, pieces]; NaN where it does not count
+    points: Float  # Float[samples, size]: the points with the measured outputs that count, piece after piece
+
+    @classmethod
+    def of(cls, pieces: Sequence[Run], lags: Lags, first: int | None = None) -> "Runs":
+        """The pieces from sample `first` on, by default the longest lag, so that all it looks back at is known.
+
+        An earlier `first`, at least the longest output lag, holds the inputs at their first sample before that.
+        Raises `ArgumentError` where no piece is long enough.
+        """
+        back = max(lags.output)
+        first = lags.longest if first is None else max(first, back)
+        usable = [piece for piece in pieces if len(piece) > first]
+        if not usable:
+            raise ArgumentError(f"no piece of the recordings is longer than {first} samples, the lags of the model")
+        steps = max(len(piece) for piece in usable) - first
+        parts = [lags.of_inputs(piece.u, first) for piece in usable]
+        inputs = np.zeros((steps, len(usable), parts[0].shape[1]))
+        target = np.full((steps, len(usable)), np.nan)
+        for i, (piece, part) in enumerate(zip(usable, parts, strict=True)):
+            inputs[: len(part), i] = part
+            inputs[len(part) :, i] = part[-1]
+            target[: len(part), i] = np.where(piece.scored, piece.y, np.nan)[first:]
+        history = np.stack([piece.y[first - back : first] for piece in usable], axis=1)
+        points = [
+            np.column_stack([lags.of_outputs(piece.y, first), part])[piece.scored[first:]]
+            for piece, part in zip(usable, parts, strict=True)
+        ]
+        return cls(lags, inputs, history, target, np.concatenate(points))
+
+    @property
+    def scored(self) -> Bool:
+        """Bool[steps, pieces]: the steps that have a target."""
+        return np.isfinite(self.target)
+
+    @property
+    def one_step_target(self) -> Float:
+        """The output that belongs to each of `points`."""
+        return self.target.T[self.scored.T]
+
+    def visited(self, y: Float) -> Float:
+        """The points that a free run `y` Float[steps, pieces] went through: Float[steps, pieces, size]."""
+        back = max(self.lags.output)
+        past = np.concatenate([self.history, y])
+        lagged = [past[back - lag : back - lag + len(y)] for lag in self.lags.output]
+        return np.concatenate([np.stack(lagged, axis=-1), self.inputs], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """A free run: the output, its slope by each output lag, and where a limit held it."""
+
+    y: Float  # Float[steps, pieces]
+    slopes: Float  # Float[steps, pieces, output lags]; 0 where a limit holds
+    held: Bool  # Bool[steps, pieces]
+
+
+def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNLIMITED) -> FreeRun:
+    """Run the model on its own outputs from the history of each piece on.
+
+    A run that grows beyond all bounds ends in numbers that are not finite.
+    """
+    back, own = max(runs.lags.output), len(runs.lags.output)
+    at = back - np.array(runs.lags.output)
+    steps, pieces = runs.target.shape
+    past = np.empty((back + steps, pieces))
+    past[:back] = runs.history
+    slopes = np.empty((steps, pieces, own))
+    free = np.empty((steps, pieces))
+    flat = expansion.offset + runs.inputs @ expansion.slopes[own:]
+    centres, steep = expansion.centres[:, :own].T, 1 / expansion.widths[:, :own].T
+    plane, (lower, upper) = expansion.slopes[:own], limits
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        for first, ahead in _ahead(expansion, runs.inputs, own):
+            for k, exponent in enumerate(ahead, first):
+                lagged = past[k + at].T
+                distance = lagged[:, :, None] - centres
+                distance *= steep
+                bells = np.einsum("pim,pim->pm", distance, distance)
+                bells *= -0.5
+                bells += exponent
+                np.exp(bells, out=bells)
+                bells *= expansion.weights
+                free[k] = flat[k] + lagged @ plane + bells.sum(1)
+                past[k + back] = np.minimum(np.maximum(free[k], lower), upper)
+                distance *= steep
+                slopes[k] = plane - np.einsum("pim,pm->pi", distance, bells)
+        held = (free < lower) | (free > upper)
+    slopes[held] = 0.0
+    return FreeRun(past[back:], slopes, held)
+
+
+def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int, Float]]:
+    """Block by block, the share of the inputs in the exponents of all bells: Float[steps, pieces, centres]."""
+    block = max(BLOCK // max(expansion.size * inputs.shape[1], 1), 1)
+    for first in range(0, len(inputs), block):
+        part = inputs[first : first + block]
+        exponent = np.zeros((*part.shape[:2], expansion.size))
+        for d in range(part.shape[2]):
+            distance = (part[..., d, None] - expansion.centres[:, own + d]) / expansion.widths[:, own + d]
+            distance *= distance
+            exponent -= distance
+        yield first, 0.5 * exponent

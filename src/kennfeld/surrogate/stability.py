@@ -1,0 +1,99 @@
+"""Whether a dynamic model stays where it belongs when it runs on its own outputs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.expansion import Expansion
+from kennfeld.surrogate.recursion import Run, Runs, simulate
+
+__all__ = ["Stability", "check_stability"]
+
+RUNS = 24  # of each kind
+STEPS = 1000
+HOLD = (5, 100)  # samples that a random input is held at least and at most
+
+
+@dataclass(frozen=True)
+class Stability:
+    """What was checked.
+
+    `bounded` of `runs` free runs, with constant and with random inputs of the training data and from its least, mean
+    and greatest output, stayed within the range of the training output widened by its own width to each side; `stable` is
+    the share of the samples of the training data at which the linearised recursion has its eigenvalues within the unit
+    circle; `largest` is the greatest absolute eigenvalue met.
+    """
+
+    bounded: int
+    runs: int
+    stable: float
+    largest: float
+
+    def __str__(self) -> str:
+        told = (
+            "All" if self.bounded == self.runs else f"{self.bounded} of"
+        ) + f" {self.runs} free runs with constant and random inputs stayed bounded."
+        told += f" The linearised recursion is stable at {100 * self.stable:.1f} % of the training samples"
+        told += f" (largest eigenvalue {self.largest:.4f})."
+        if self.bounded < self.runs:
+            told += " Record more data where it ran away, give limits, or take fewer lags or centres."
+        return told
+
+
+def check_stability(expansion: Expansion, runs: Runs, limits: tuple[float, float], seed: int = 0) -> Stability:
+    """Run the model from several starts and linearise it along the training data."""
+    rng = np.random.default_rng(seed)
+    target = runs.one_step_target
+    trials = _trials(runs, target, rng)
+    y = simulate(expansion, trials, limits).y
+    low, high = float(target.min()), float(target.max())
+    with np.errstate(invalid="ignore"):
+        inside = (y > 2 * low - high) & (y < 2 * high - low)
+    sizes = _eigenvalues(expansion, runs, limits)
+    return Stability(
+        int(inside.all(axis=0).sum()), y.shape[1], float(np.mean(sizes < 1)), float(sizes.max(initial=0.0))
+    )
+
+
+def _trials(runs: Runs, target: Float, rng: np.random.Generator) -> Runs:
+    """Constant inputs, then random steps between inputs that occur together in the training data."""
+    lags = runs.lags
+    back = lags.longest
+    samples = STEPS + back
+    own = len(lags.output)
+    heads = np.cumsum([own, *(len(of_input) for of_input in lags.inputs)])[:-1]
+    present = (
+        np.stack(
+            [
+                runs.points[:, at] if n else np.zeros(len(runs.points))
+                for at, n in zip(heads, map(len, lags.inputs), strict=True)
+            ],
+            axis=1,
+        )
+        if lags.inputs
+        else np.zeros((len(runs.points), 0))
+    )
+    begins = (target.min(), target.mean(), target.max())
+    made = []
+    for i in range(2 * RUNS):
+        picked = np.full(samples, rng.integers(len(present)))
+        if i >= RUNS:
+            lengths = rng.integers(*HOLD, size=samples, endpoint=True)
+            picked = np.repeat(rng.integers(len(present), size=samples), lengths)[:samples]
+        made.append(Run(present[picked], np.full(samples, begins[i % len(begins)])))
+    return Runs.of(made, lags)
+
+
+def _eigenvalues(expansion: Expansion, runs: Runs, limits: tuple[float, float], most: int = 2000) -> Float:
+    """The largest absolute eigenvalue of the linearised recursion at (at most so many) training samples."""
+    lags = runs.lags.output
+    points = runs.points[:: max(len(runs.points) // most, 1)]
+    slopes = expansion.gradient(points)[:, : len(lags)]
+    value = expansion(points)
+    slopes[(value <= limits[0]) | (value >= limits[1])] = 0.0
+    companion = np.zeros((len(points), max(lags), max(lags)))
+    companion[:, np.arange(1, max(lags)), np.arange(max(lags) - 1)] = 1.0
+    companion[:, 0, np.array(lags) - 1] = slopes
+    largest: Float = np.abs(np.linalg.eigvals(companion)).max(axis=1)
+    return largest

@@ -1,0 +1,227 @@
+"""From recordings to a data-driven model: what `kennfeld surrogate train` does."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.surrogate.choosing import Choice, choose, folds
+from kennfeld.surrogate.expand import expand_data
+from kennfeld.surrogate.free_run import Settings, train_free_run
+from kennfeld.surrogate.gaussian_process import gaussian_process
+from kennfeld.surrogate.lag_selection import select_lags
+from kennfeld.surrogate.lags import Lags
+from kennfeld.surrogate.narx import DynamicSurrogate
+from kennfeld.surrogate.one_step import one_step_expansion, one_step_lengths
+from kennfeld.surrogate.quality import Quality, quality_of
+from kennfeld.surrogate.recordings import channels_missing, points_of, raster_of, runs_of
+from kennfeld.surrogate.recursion import UNLIMITED, Run, Runs
+from kennfeld.surrogate.stability import check_stability
+from kennfeld.surrogate.static import StaticSurrogate
+from kennfeld.surrogate.validity import Validity
+
+__all__ = ["SurrogateSettings", "train_surrogate"]
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """The keys of a training file.
+
+    `kind`: "static" for points, "dynamic" for recordings over time.
+    `inputs`, `output`: channels.
+    `method`: "auto", "exact", "sparse" (Gaussian processes), or "expansion": few centres by k-means, for static models.
+    `centres`: how many at most.
+    `seed`, `starts`: of the search for length scales.
+    For dynamic models: `step` in s, by default that of the recordings; `lags`, by input, and `output_lags`, in samples,
+    or "auto"; `longest_lag` tried then; `limits` of the output; `free_run`: whether it is trained for free run;
+    `moves_centres`: whether centres and widths are refined then; `hold`: how firmly, by default chosen on blocks left
+    out; `iterations` of that training.
+    Raises `ArgumentError` with the first value that cannot be used.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    output: str
+    kind: Literal["static", "dynamic"] = "static"
+    method: Literal["auto", "exact", "sparse", "expansion"] = "auto"
+    centres: int = 300
+    seed: int = 0
+    starts: int = 3
+    step: float | None = None
+    lags: Mapping[str, tuple[int, ...]] | Literal["auto"] = "auto"
+    output_lags: tuple[int, ...] | Literal["auto"] = "auto"
+    longest_lag: int = 20
+    limits: tuple[float, float] = field(default=UNLIMITED)
+    free_run: bool = True
+    moves_centres: bool = False
+    hold: float | None = None
+    iterations: int = 15
+
+    def __post_init__(self) -> None:
+        self._check_choices()
+        for name in ("centres", "starts", "longest_lag", "iterations"):
+            if getattr(self, name) < 1:
+                raise ArgumentError(f"{name}={getattr(self, name)} of surrogate {self.name} must be at least 1")
+        if not self.inputs or self.output in self.inputs:
+            raise ArgumentError(f"inputs={self.inputs} of surrogate {self.name} must be channels besides the output")
+        if self.step is not None and not 0 < self.step < np.inf:
+            raise ArgumentError(f"step={self.step} of surrogate {self.name} must be a number of seconds above 0")
+        if self.hold is not None and not 0 <= self.hold < np.inf:
+            raise ArgumentError(f"hold={self.hold} of surrogate {self.name} must be a number from 0 on")
+        if not self.limits[0] < self.limits[1]:
+            raise ArgumentError(f"limits={self.limits} of surrogate {self.name} must be a lower and a higher number")
+
+    def _check_choices(self) -> None:
+        if self.kind not in ("static", "dynamic"):
+            raise ArgumentError(f"kind={self.kind!r} of surrogate {self.name} must be static or dynamic")
+        known = ("auto", "exact", "sparse", "expansion") if self.kind == "static" else ("auto", "sparse")
+        if self.method not in known:
+            raise ArgumentError(
+                f"method={self.method!r} of {self.kind} surrogate {self.name} must be {' or '.join(known)}"
+            )
+        for name in self.lags if self.lags != "auto" else ():
+            if name not in self.inputs:
+                raise ArgumentError(
+                    f"lags of {name!r}, which is no input of {self.name}. {nearest(name, self.inputs)}".strip()
+                )
+        missing = [name for name in self.inputs if self.lags != "auto" and name not in self.lags]
+        if missing:
+            raise ArgumentError(
+                f"lags of input {missing[0]!r} of surrogate {self.name} are missing; 0 is the present sample"
+            )
+
+
+def train_surrogate(
+    datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report = lambda line: None
+) -> StaticSurrogate | DynamicSurrogate:
+    """Train a model on the datasets for training, and score it on all of them.
+
+    `report` is called with a line of text as the training goes on. Samples with missing values or that a dataset does
+    not score are no training data. Raises `InputError` with every channel that is missing, and where there are too few
+    samples; `ArgumentError` where values cannot be used.
+    """
+    findings = channels_missing(datasets, (*settings.inputs, settings.output))
+    if not any(dataset.use == "training" for dataset in datasets):
+        findings.append(Finding("", "no dataset is for training", 'Give one use = "training".'))
+    if findings:
+        raise InputError(findings)
+    return _dynamic(datasets, settings, report) if settings.kind == "dynamic" else _static(datasets, settings)
+
+
+def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[str, ...]:
+    units = tuple(datasets[0][name].unit for name in (*settings.inputs, settings.output))
+    return units if any(units) else ()
+
+
+def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticSurrogate:
+    taken = [points_of(dataset, settings.inputs, settings.output) for dataset in datasets]
+    training = [points for points, dataset in zip(taken, datasets, strict=True) if dataset.use == "training"]
+    x, y = np.concatenate([one[0] for one in training]), np.concatenate([one[1] for one in training])
+    left_out: list[Quality] = []
+    if settings.method == "expansion":
+        expansion = expand_data(x, y, min(settings.centres, max(len(x), 1)), seed=settings.seed)
+        validity = Validity.around(x, x.std(0), settings.seed)
+    else:
+        process = gaussian_process(
+            x,
+            y,
+            method=settings.method,
+            centres=settings.centres,
+            starts=settings.starts,
+            seed=settings.seed,
+            names=settings.inputs,
+        )
+        expansion, validity = process.expansion, process.validity
+        left_out = [quality_of("all", "training", "leave one out", process.leave_one_out(), y)]
+    quality = [
+        quality_of(dataset.name, dataset.use, "static", expansion(points) - values, values)
+        for dataset, (points, values) in zip(datasets, taken, strict=True)
+    ]
+    units = _units(datasets, settings)
+    return StaticSurrogate(
+        settings.name, settings.inputs, settings.output, units, expansion, validity, (*quality, *left_out)
+    )
+
+
+def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report) -> DynamicSurrogate:
+    step = raster_of(datasets, settings.step)
+    pieces = {id(one): runs_of(one, settings.inputs, settings.output, step) for one in datasets}
+    training = [run for one in datasets if one.use == "training" for run in pieces[id(one)]]
+    if not training:
+        raise InputError.of("", "the training data have no piece without gaps", "Raise max_gap, or give other files.")
+    lags = _lags(training, settings, report)
+    runs = Runs.of(training, lags)
+    lengths = one_step_lengths(runs, settings.centres, settings.limits, settings.starts, settings.seed)
+    choice = _choice(training, lags, lengths, settings, report)
+    start = one_step_expansion(runs, choice.lengths, settings.centres, settings.limits, settings.seed)
+    expansion = start
+    if settings.free_run:
+        expansion = train_free_run(
+            start, runs, choice.settings, lambda k, rmse: report(f"free run, step {k + 1}: RMSE {rmse:.4g}")
+        )
+    made = DynamicSurrogate(
+        settings.name,
+        settings.inputs,
+        lags.inputs,
+        settings.output,
+        lags.output,
+        step,
+        expansion,
+        Validity.around(runs.points, runs.points.std(0) * choice.lengths, settings.seed),
+        start=float(np.mean([run.y[0] for run in training])),
+        start_inputs=tuple(np.mean([run.u[0] for run in training], axis=0).tolist()),
+        limits=settings.limits,
+        units=_units(datasets, settings),
+        stability=str(check_stability(expansion, runs, settings.limits, settings.seed)),
+    )
+    lines = [line for one in datasets for line in _scores(made, one, pieces[id(one)])]
+    return replace(made, quality=tuple(lines))
+
+
+def _lags(training: Sequence[Run], settings: SurrogateSettings, report: Report) -> Lags:
+    own = None if settings.output_lags == "auto" else settings.output_lags
+    given = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
+    if own is not None and given is not None:
+        return Lags(own, tuple(given))
+    search = Settings(limits=settings.limits)
+    count = len(settings.inputs)
+    return select_lags(
+        training, count, search, longest=settings.longest_lag, output_lags=own, input_lags=given, report=report
+    )
+
+
+def _choice(training: Sequence[Run], lags: Lags, lengths: Float, settings: SurrogateSettings, report: Report) -> Choice:
+    """How smooth and how firmly held; as given, or where one step is all that is asked for, without a search."""
+    asked = Settings(limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations)
+    if settings.hold is not None:
+        return Choice(lengths, replace(asked, hold=settings.hold), np.nan)
+    divisions = folds(training, lags) if settings.free_run else []
+    return choose(divisions, lengths, settings.centres, asked, report) if divisions else Choice(lengths, asked, np.nan)
+
+
+def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Run]) -> list[Quality]:
+    """One step ahead and in free run, from the first measured outputs of each piece on."""
+    back = max(surrogate.output_lags)
+    ahead, free, target_ahead, target_free = [], [], [], []
+    for run in pieces:
+        if len(run) <= back:
+            continue
+        predicted = surrogate.predict(run.u, run.y)
+        known = np.isfinite(predicted) & run.scored
+        ahead.append((predicted - run.y)[known])
+        target_ahead.append(run.y[known])
+        counted = run.scored[back:]
+        free.append((surrogate.simulate(run.u, run.y[:back]) - run.y)[back:][counted])
+        target_free.append(run.y[back:][counted])
+    lines = [("one step", ahead, target_ahead), ("free run", free, target_free)]
+    return [
+        quality_of(dataset.name, dataset.use, mode, np.concatenate(residual), np.concatenate(target))  # type: ignore[arg-type]
+        for mode, residual, target in lines
+        if residual
+    ]

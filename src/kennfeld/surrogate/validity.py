@@ -1,0 +1,92 @@
+"""Where a data-driven model may be trusted: near the data it was trained on."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, readonly
+from kennfeld.errors import ArgumentError
+from kennfeld.surrogate.inducing import greedy
+from kennfeld.surrogate.kernel import bells
+
+__all__ = ["Validity"]
+
+THRESHOLD = 0.5  # share of the prior deviation
+MARGIN = 1.25
+NUGGET = 1e-3
+CENTRES = 200
+CANDIDATES = 5000
+COVERED = 0.02  # share of the variance that may stay open within the data
+BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Validity:
+    """How far a point is from the training data, and how far is too far.
+
+    The measure is the share of its prior deviation that a Gaussian process with the lengths of the model keeps, once it
+    knows the value at `centres`, which cover the training data: 0 amidst the data, 1 far away. Beyond `threshold` a
+    point is outside. `least` and `most` are the ends of the training data along each input.
+    """
+
+    centres: Float  # Float[centres, inputs]
+    lengths: Float  # Float[inputs]
+    threshold: float
+    least: Float  # Float[inputs]
+    most: Float  # Float[inputs]
+    _root: Float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("centres", "lengths", "least", "most"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+        if self.centres.ndim != 2 or not self.centres.size:
+            raise ArgumentError(f"centres of a validity range have shape {self.centres.shape}, not [centres, inputs]")
+        for name in ("lengths", "least", "most"):
+            if getattr(self, name).shape != self.centres.shape[1:]:
+                raise ArgumentError(f"{name} of a validity range must be one number an input, {self.centres.shape[1]}")
+        if not np.all(self.lengths > 0):
+            raise ArgumentError(f"lengths of a validity range must be above 0, the least is {self.lengths.min():g}")
+        if not 0 < self.threshold <= 1:
+            raise ArgumentError(f"threshold={self.threshold} of a validity range must be above 0 and at most 1")
+        kernel = bells(self._scaled(self.centres), self._scaled(self.centres), np.ones(self.lengths.size))
+        object.__setattr__(self, "_root", np.linalg.cholesky(kernel + NUGGET * np.eye(len(kernel))))
+
+    @classmethod
+    def around(cls, x: Float, lengths: Float, seed: int = 0) -> "Validity":
+        """The range of training points Float[points, inputs].
+
+        An input counts by its length scale, at most by its spread: a model that does not need an input still knows
+        nothing of it where it never was.
+        """
+        lengths = np.minimum(lengths, x.std(0))
+        few = x
+        if len(x) > CANDIDATES:
+            few = x[np.random.default_rng(seed).choice(len(x), CANDIDATES, replace=False)]
+        made = cls(few[greedy(few, CENTRES, lengths, COVERED)], lengths, 1.0, x.min(0), x.max(0))
+        farthest = float(np.quantile(made.distance(x), 0.999))
+        threshold = min(max(THRESHOLD, MARGIN * farthest), 1 - 1e-6)
+        return cls(made.centres, lengths, threshold, made.least, made.most)
+
+    def distance(self, x: Float) -> Float:
+        """The measure at points Float[..., inputs], from 0 to 1."""
+        from scipy.linalg import solve_triangular
+
+        given = np.asarray(x, dtype=np.float64)
+        points = self._scaled(given.reshape(-1, self.lengths.size))
+        centres, ones = self._scaled(self.centres), np.ones(self.lengths.size)
+        measure = np.empty(len(points))
+        for first in range(0, len(points), BLOCK):
+            part = slice(first, first + BLOCK)
+            near = bells(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
+            explained = solve_triangular(self._root, near.T, lower=True)
+            measure[part] = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0), 0.0))
+        return measure.reshape(given.shape[:-1])
+
+    def outside(self, x: Float) -> Bool:
+        """Whether points Float[..., inputs] are too far from the training data; a missing value is."""
+        beyond: Bool = self.distance(x) > self.threshold
+        return beyond
+
+    def _scaled(self, x: Float) -> Float:
+        scaled: Float = (x - self.least) / self.lengths
+        return scaled

@@ -1,0 +1,113 @@
+"""Data-driven models called in formula text, against their own recursion."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.errors import InputError
+from kennfeld.expansion import Expansion
+from kennfeld.models.formula import formula
+from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
+
+
+def expansion(inputs, size=12, seed=0):
+    rng = np.random.default_rng(seed)
+    slopes = rng.uniform(-0.3, 0.4, inputs)
+    return Expansion(0.1, slopes, 0.1 * rng.normal(size=size), rng.normal(size=(size, inputs)), np.ones((size, inputs)))
+
+
+def engine(lags=((0, 2), (1, 3)), output_lags=(1, 2), limits=(-1.0, 0.9)):
+    size = len(output_lags) + sum(map(len, lags))
+    made = {"start": 0.3, "start_inputs": (0.1, 0.2), "limits": limits}
+    return DynamicSurrogate("engine", ("a", "b"), lags, "n", output_lags, 0.02, expansion(size), **made)
+
+
+def recording(count=300, seed=1):
+    u = np.random.default_rng(seed).normal(size=(count, 2))
+    return u, kf.Dataset.of("d", {"a": u[:, 0], "b": u[:, 1]}, time=0.02 * np.arange(count))
+
+
+@pytest.mark.parametrize("limits", [(-1.0, 0.9), (-np.inf, np.inf)])
+def test_a_dynamic_one_runs_as_its_own_simulation(limits):
+    surrogate = engine(limits=limits)
+    u, data = recording()
+    model = formula("n = engine(a, b)", surrogates=[surrogate])
+    np.testing.assert_allclose(kf.simulate(model, data, {})["n"].values, surrogate.simulate(u), rtol=0, atol=1e-12)
+
+
+def test_init_replaces_the_output_before_the_first_sample():
+    surrogate = engine()
+    u, data = recording()
+    model = formula("n = engine(a, b, 0.7)", surrogates=[surrogate])
+    expected = surrogate.simulate(np.concatenate([u[:1], u]), [0.7])[1:]
+    np.testing.assert_allclose(kf.simulate(model, data, {})["n"].values, expected, rtol=0, atol=1e-12)
+
+
+def test_a_static_one_is_its_expansion():
+    surrogate = StaticSurrogate("F", ("x", "z"), "y", (), expansion(2))
+    x = np.random.default_rng(3).normal(size=(50, 2))
+    model = formula("y = 2 * F(x, z)", surrogates=[surrogate])
+    got = kf.simulate(model, {"x": x[:, 0], "z": x[:, 1]}, {})["y"].values
+    np.testing.assert_allclose(got, 2 * surrogate(x), rtol=1e-13)
+
+
+LOOP = """
+n = engine(a, thr)
+miss = ref - n
+x = integrator(kI * miss, 0)
+thr = kp * miss + x
+scalar kp
+scalar kI
+"""
+
+
+def test_a_loop_closes_through_an_input_that_acts_later_only():
+    surrogate = engine()
+    u, _ = recording()
+    ref = np.where(np.arange(len(u)) > 100, 0.5, 0.2)
+    data = kf.Dataset.of("d", {"a": u[:, 0], "ref": ref}, time=0.02 * np.arange(len(u)))
+    got = kf.simulate(formula(LOOP, surrogates=[surrogate]), data, {"kp": 0.4, "kI": 1.0})["n"].values
+    expected = closed_loop(surrogate, u[:, 0], ref, 0.4, 1.0)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10)
+
+
+def closed_loop(surrogate, a, ref, kp, ki):
+    """The same in plain Python: b before the first sample is the start of the surrogate, a its own first value."""
+    n, b, x = [], [], 0.0
+    for k in range(len(a)):
+        past = [n[k - lag] if k >= lag else surrogate.start for lag in surrogate.output_lags]
+        first = [a[max(k - lag, 0)] for lag in surrogate.lags[0]]
+        second = [b[k - lag] if k >= lag else surrogate.start_inputs[1] for lag in surrogate.lags[1]]
+        n.append(float(np.clip(surrogate.expansion(np.array([*past, *first, *second])), *surrogate.limits)))
+        b.append(kp * (ref[k] - n[k]) + x)
+        x += 0.02 * ki * (ref[k] - n[k])
+    return n
+
+
+def test_the_gains_of_a_loop_are_found_and_the_plant_stays():
+    surrogate = engine(limits=(-np.inf, np.inf))
+    u, _ = recording()
+    ref = np.where(np.arange(len(u)) > 100, 0.5, 0.2)
+    data = kf.Dataset.of("d", {"a": u[:, 0], "ref": ref}, time=0.02 * np.arange(len(u)))
+    model = formula(LOOP, surrogates=[surrogate])
+    result = kf.calibrate(model, data, {"kp": 0.0, "kI": 0.0}, target="ref", node="n")
+    assert result.status == "converged"
+    assert result.quality[0].rmse_after < 0.9 * result.quality[0].rmse_before
+    assert result.parameters["engine"].expansion == surrogate.expansion
+
+
+def test_an_algebraic_loop_through_a_present_input_is_named():
+    with pytest.raises(InputError, match="algebraic loop: n -> miss -> thr -> n|algebraic loop: n"):
+        formula(LOOP, surrogates=[engine(lags=((0,), (0, 1)))])
+
+
+def test_a_wrong_number_of_arguments_is_answered_with_the_signature():
+    with pytest.raises(InputError, match=r"Write engine\(a, b, init=0\.3\)"):
+        formula("n = engine(a)", surrogates=[engine()])
+
+
+def test_the_text_of_such_a_graph_reads_back():
+    from kennfeld.models.formula import to_text
+
+    graph = formula(LOOP, surrogates=[engine()]).graph
+    assert formula(to_text(graph)).graph == graph

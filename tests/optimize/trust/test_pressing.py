@@ -1,0 +1,190 @@
+"""Limits of outputs: what they hold, against repeated measurements that are fitted within them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from repetitions import agree
+
+import kennfeld as kf
+from kennfeld.optimize import Criterion, Limit, Options, Problem, Stop
+from kennfeld.optimize.calibration import Run
+from kennfeld.optimize.result import Seconds
+from kennfeld.optimize.trust.pressing import multipliers
+
+GRID = np.linspace(0, 10, 11)
+U = np.random.default_rng(3).uniform(0, 10, 400)
+WAVE = 3 * np.sin(GRID)
+REPETITIONS = 300
+
+
+def curve_problem(*limits, noise=0.3, seed=0, **more):
+    z = np.interp(U, GRID, WAVE) + noise * np.random.default_rng(seed).standard_normal(U.size)
+    start = kf.ParameterSet([kf.Curve("C", GRID, WAVE)])
+    data = kf.Dataset.of("d", {"u": U, "z": z})
+    return Problem(
+        kf.formula("w = C(u)", parameters=["C"]), (data,), start, (Criterion("w", "z"),), limits=limits, **more
+    )
+
+
+def result_of(problem):
+    return Run(problem, Options(continuation="off"), None, Seconds()).result()
+
+
+def repeated_within(problem, truth, noise, count=REPETITIONS):
+    """Values fitted to so many measurements of the true function within the limits, shape (count, values)."""
+    run = Run(problem, Options(continuation="off", tolerance=1e-5), None, Seconds())
+    target = problem.datasets[0]["z"].values
+    target.setflags(write=True)  # what is compiled reads it where it lies
+    outputs, given = run.outputs, target.copy()
+    rng = np.random.default_rng(1)
+    ends = []
+    try:
+        for _ in range(count):
+            target[:] = truth + noise * rng.standard_normal(target.size)
+            run.exact.reread_targets()
+            outputs._penalised.reread_targets()
+            end, _ = run.end()
+            assert end.status == "converged"
+            ends.append(end.values)
+    finally:
+        target[:] = given
+    return np.array(ends)
+
+
+def test_values_within_limits_scatter_as_said():
+    """Two flat tops, of which many neighbouring samples are at the limit, and a lone sample at the lower one."""
+    problem = curve_problem(Limit("w", -2.5, 2.0))
+    trust = result_of(problem).trust
+    ends = repeated_within(problem, np.interp(U, GRID, WAVE), 0.3)
+    flat = [1, 2, 7, 8]
+    assert np.all(trust.deviation["C"][flat] < 1e-6)
+    assert np.all(np.std(ends, axis=0)[flat] < 1e-6)
+    covariance = trust.covariance()
+    rest = np.setdiff1d(np.arange(11), [*flat, 5])
+    agree(covariance[np.ix_(rest, rest)], ends[:, rest])
+    assert trust.deviation["C"][5] < 1e-3
+    assert trust.noise["w"] == pytest.approx(0.3, rel=0.1)  # not what the limits cost
+
+
+STEP = "y = PT1(PT1(k * u, 0.3) + overshoot * (u - PT1(u, 0.4)), 0.1)"
+
+
+@cache
+def step_problem(upper):
+    time = 0.04 * np.arange(150)
+    u = np.where(time % 3 < 1.5, 1.0, 0.0)
+    truth = kf.ParameterSet([kf.Scalar("k", 1.0), kf.Scalar("overshoot", 0.6)])
+    clean = kf.simulate(STEP, kf.Dataset.of("d", {"u": u}, time=time), truth)["y"].values
+    z = clean + 0.03 * np.random.default_rng(2).standard_normal(time.size)
+    data = kf.Dataset.of("steps", {"u": u, "z": z}, time=time)
+    model = kf.formula(STEP, parameters=["k", "overshoot"])
+    limits = (Limit("y", upper=upper * clean.max()),)
+    return Problem(model, (data,), truth, (Criterion("y", "z"),), limits=limits), clean
+
+
+def test_a_limit_of_a_peak_ties_the_gains_together():
+    """Which sample is the highest changes with the noise; what is held is the height.
+
+    Along the tie, neighbours of the highest sample hold a little as well: what is said is on the safe side.
+    """
+    problem, clean = step_problem(0.97)
+    trust = result_of(problem).trust
+    (holding,) = trust.holdings
+    assert holding.directions == 1
+    assert set(holding.parameters) == {"k", "overshoot"}
+    assert trust.correlation()[0, 1] == pytest.approx(-1.0, abs=1e-3)
+    said = trust.covariance(scatter=True)
+    ends = repeated_within(problem, clean, 0.03)
+    ratio = np.std(ends, axis=0, ddof=1) / np.sqrt(np.diag(said)) * np.sqrt(trust.persistence["y"])
+    assert np.all((ratio > 0.7) & (ratio < 1.1))
+    loose = result_of(step_problem(1.5)[0]).trust
+    assert np.all(said.diagonal() < loose.covariance().diagonal())
+
+
+def test_a_limit_that_the_data_keep_holds_nothing():
+    trust = result_of(step_problem(1.5)[0]).trust
+    assert trust.holdings == ()
+    assert abs(trust.correlation()[0, 1]) < 0.99
+
+
+def test_what_a_limit_holds_is_told():
+    trust = result_of(curve_problem(Limit("w", upper=2.0))).trust
+    (holding,) = trust.holdings
+    assert holding.limit == "w <= 2"
+    assert holding.sentence.startswith(f"The limit w <= 2 is met at {holding.samples} samples, as at sample ")
+    assert holding.sentence.endswith(" of d. It decides 4 changes of C in place of the data.")
+    assert holding.parameters == ("C",)
+    assert trust.as_json()["holdings"][0]["directions"] == 4
+    assert str(holding) in str(trust)
+    assert trust.freedom == pytest.approx(7.0)
+
+
+def test_a_limit_met_by_chance_holds_nothing_but_is_told():
+    free = result_of(curve_problem())
+    highest = float(np.interp(U, GRID, free.parameters["C"].values).max())
+    trust = result_of(curve_problem(Limit("w", upper=highest * (1 + 1e-6)))).trust
+    (holding,) = trust.holdings
+    assert holding.directions == 0
+    assert holding.sentence.endswith("It holds nothing: the data keep the values there by themselves.")
+    assert trust.deviation["C"] == pytest.approx(free.trust.deviation["C"], rel=1e-3)
+
+
+def test_smoothness_and_pins_and_limits_together():
+    pins = (kf.Pin("C", (3.0,), 0.5),)
+    problem = curve_problem(Limit("w", -2.5, 2.0), pins=pins, smoothness={"C": 0.5})
+    trust = result_of(problem).trust
+    assert trust.deviation["C"][3] == 0
+    ends = repeated_within(problem, np.interp(U, GRID, WAVE), 0.3, 60)
+    rest = np.setdiff1d(np.arange(11), [1, 2, 3, 5, 7, 8])
+    assert trust.scatter["C"][rest] == pytest.approx(np.std(ends, axis=0)[rest], rel=0.35)
+
+
+@pytest.mark.parametrize("edge", [0.0, -1.0])
+def test_limits_that_cannot_be_kept_leave_no_trust(edge):
+    result = result_of(curve_problem(Limit("w", upper=edge - 1), Limit("-w", upper=edge)))
+    assert result.status == "infeasible"
+    assert result.trust.deviation == {}
+    assert result.trust.as_json()["undetermined"] is None
+
+
+def test_a_limit_over_a_constant_has_no_slope_to_hold_anything():
+    trust = result_of(curve_problem(Limit("0 * w", upper=0.0))).trust
+    assert all(holding.directions == 0 for holding in trust.holdings)
+    assert np.all(trust.deviation["C"] > 0)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(1, 12))
+def test_multipliers_are_those_of_the_best_values_within_the_limits(seed, values, samples):
+    """Against the conditions of optimality: none is negative, and each belongs to a limit that is just met."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(samples, values)) * 10.0 ** rng.uniform(-2, 2, (samples, 1))
+    rows[rng.random(samples) < 0.3] = rows[0]
+    gram, beyond = rows @ rows.T, rows @ rng.normal(size=values)
+    beyond -= np.abs(beyond) * rng.random(samples) * (rng.random(samples) < 0.5)
+    found = multipliers(gram, beyond)
+    left = (beyond - gram @ found) / np.sqrt(np.diag(gram))
+    size = np.abs(beyond / np.sqrt(np.diag(gram))).max()
+    assert np.all(found >= 0)
+    assert np.all(left <= 1e-6 * size)
+    assert np.all(np.abs(left[found > 0]) <= 1e-6 * size)
+
+
+def test_each_side_is_told_what_it_holds():
+    trust = result_of(curve_problem(Limit("w", -2.5, 2.0))).trust
+    assert {holding.limit: holding.directions for holding in trust.holdings} == {"w <= 2": 4, "w >= -2.5": 1}
+
+
+def test_a_search_that_was_stopped_between_its_limits_has_a_trust():
+    def stop(line):
+        if line.stage == "limits 2":
+            raise Stop
+
+    run = Run(curve_problem(Limit("w", -2.5, 2.0)), Options(continuation="off"), stop, Seconds())
+    trust = run.result().trust
+    assert trust.remark.startswith("The search ended as stopped.")
+    assert np.all(trust.deviation["C"] >= 0)
+    assert len(trust.holdings) == 2

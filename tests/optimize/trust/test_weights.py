@@ -1,0 +1,165 @@
+"""Weights of samples: what they say about the noise, against repeated measurements."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from repetitions import agree, own_targets
+
+import kennfeld as kf
+from kennfeld.native import Accumulator
+from kennfeld.optimize import Problem, Region, run
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.trust.noise import classes, groups, rescored
+
+SIZE, REPETITIONS = 400, 400
+RANDOM = np.random.default_rng(0)
+X = RANDOM.uniform(0, 5, SIZE)
+W = 10 ** RANDOM.uniform(-1, 1, SIZE)
+GRID = np.arange(6.0)
+TEXT = "m = C(x) + k * sin(7 * x)"
+TRUTH = kf.ParameterSet([kf.Curve("C", GRID, 3 * np.sin(GRID)), kf.Scalar("k", 1.0)])
+CLEAN = np.interp(X, GRID, 3 * np.sin(GRID)) + np.sin(7 * X)
+EVEN = np.ones(SIZE)
+
+
+def problem(spread, seed=1, channels=None, **criterion):
+    y = CLEAN + spread * np.random.default_rng(seed).standard_normal(SIZE)
+    data = kf.Dataset.of("d", {"x": X, "y": y, "w": W} | (channels or {}))
+    criteria = (kf.Criterion("m", "y", **criterion),)
+    return Problem(kf.formula(TEXT, parameters=["C", "k"]), (data,), TRUTH, criteria)
+
+
+def repeated(made, spread):
+    """Values from many measurements of noise `spread`, in the order of the parameters."""
+    compiled = Compiled(made)
+    targets = own_targets(compiled)
+    objective, limits = SumOfSquares(compiled), limits_of(made, compiled.values)
+    start, rng, ends = compiled.values.pack(TRUTH)[: compiled.values.free], np.random.default_rng(7), []
+    for _ in range(REPETITIONS):
+        targets[:] = CLEAN + spread * rng.standard_normal(SIZE)
+        compiled.reread_targets()
+        ends.append(gauss_newton(objective, start, limits, Settings(tolerance=1e-6)).values)
+    order = [compiled.values.offsets[name] + np.arange(TRUTH[name].size) for name in made.free_names]
+    return np.array(ends)[:, np.concatenate(order)]
+
+
+WHERE = Region("x < 2.5", 5.0)
+CASES = {
+    "weights that say how good": (0.5 / np.sqrt(W), {"weight_channel": "w"}),
+    "weights that say how much it matters": (0.5 * EVEN, {"weight_channel": "w"}),
+    "a region that matters more": (0.5 * EVEN, {"regions": (WHERE,)}),
+    "a region that is better": (0.5 / np.sqrt(np.where(X < 2.5, 5.0, 1.0)), {"regions": (WHERE,)}),
+    "scaled and weighted": (0.5 / np.sqrt(W), {"weight_channel": "w", "scale": 3.0, "weight": 20.0}),
+    "outliers judged before their weight": (
+        0.5 / np.sqrt(W),
+        {"weight_channel": "w", "loss": "huber", "delta": 0.4},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+def test_weighted_fits_scatter_as_said(case):
+    spread, criterion = case
+    said = np.mean(
+        [run(problem(spread, seed, **criterion), kf.Options()).trust.covariance() for seed in range(6)], axis=0
+    )
+    assert agree(said, repeated(problem(spread, **criterion), spread)) == 7
+
+
+def deviations(trust):
+    return np.concatenate([np.ravel(trust.deviation[name]) for name in trust.deviation])
+
+
+@settings(deadline=None, max_examples=12)
+@given(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3))
+def test_only_the_ratios_of_weights_matter(factor, scale):
+    spread = 0.5 / np.sqrt(W)
+    plain = run(problem(spread, weight_channel="w"), kf.Options()).trust
+    other = problem(spread, channels={"w": W * factor}, weight_channel="w", scale=scale)
+    scaled = run(other, kf.Options()).trust
+    assert deviations(scaled) == pytest.approx(deviations(plain), rel=1e-5)
+    assert scaled.noise["m"] == pytest.approx(plain.noise["m"], rel=1e-5)
+
+
+def test_samples_of_weight_0_are_no_samples():
+    """The same as if they had not been recorded, whatever was measured there."""
+    spread, kept = 0.5 / np.sqrt(W), RANDOM.random(SIZE) < 0.6
+    y = CLEAN + spread * np.random.default_rng(1).standard_normal(SIZE)
+    channels = {"w": np.where(kept, W, 0.0), "y": np.where(kept, y, 1e3)}
+    weighted = run(problem(spread, channels=channels, weight_channel="w"), kf.Options()).trust
+    data = kf.Dataset.of("d", {"x": X[kept], "y": y[kept], "w": W[kept]})
+    model = kf.formula(TEXT, parameters=["C", "k"])
+    fewer = run(Problem(model, (data,), TRUTH, (kf.Criterion("m", "y", weight_channel="w"),)), kf.Options()).trust
+    assert deviations(weighted) == pytest.approx(deviations(fewer), rel=1e-6)
+    assert weighted.noise["m"] == pytest.approx(fewer.noise["m"], rel=1e-9)
+    assert weighted.samples["C"].tolist() == fewer.samples["C"].tolist()
+
+
+def test_the_same_weight_everywhere_is_none():
+    plain = run(problem(0.5 * EVEN), kf.Options()).trust
+    for channels, more in (({"w": 7 * EVEN}, {"weight_channel": "w"}), ({}, {"regions": (Region("x < 99", 7.0),)})):
+        weighted = run(problem(0.5 * EVEN, channels=channels, **more), kf.Options()).trust
+        assert deviations(weighted) == pytest.approx(deviations(plain), rel=1e-6)
+        assert weighted.noise == pytest.approx(plain.noise, rel=1e-9)
+
+
+def test_the_noise_is_that_of_a_sample_of_mean_weight():
+    w = np.where(X < 2.5, 4.0, 1.0)
+    made = [problem(0.6 / np.sqrt(w), seed, {"w": w}, weight_channel="w") for seed in range(8)]
+    noise = np.mean([run(each, kf.Options()).trust.noise["m"] for each in made])
+    share = float(np.mean(X < 2.5))
+    assert noise == pytest.approx(np.sqrt(share * 0.3**2 + (1 - share) * 0.6**2), rel=0.04)
+
+
+def test_few_samples_of_a_weight_take_the_noise_of_the_others():
+    """Three samples of weight 100 cannot tell their noise; it is a tenth of that of the others."""
+    w = np.where(np.arange(SIZE) < 3, 100.0, 1.0)
+    made = problem(0.5 / np.sqrt(w), channels={"w": w}, weight_channel="w")
+    estimate = run(made, kf.Options()).trust.estimate
+    assert estimate.variances == pytest.approx((0.25, 0.25), rel=0.2)
+    assert estimate.variances[0] == pytest.approx(estimate.variances[1], rel=1e-2)
+
+
+def test_recordings_keep_how_long_their_errors_last_whatever_the_weights():
+    rng = np.random.default_rng(5)
+    noise = np.zeros(4000)
+    for k in range(1, noise.size):
+        noise[k] = 0.9 * noise[k - 1] + rng.normal()
+    w = np.where(np.arange(noise.size) % 2, 1.0, 4.0)
+    data = kf.Dataset.of("d", {"y": noise / np.sqrt(w), "w": w}, time=0.1 * np.arange(noise.size))
+    trust = kf.calibrate("m = a", data, {"a": 0.0}, criteria=[kf.Criterion("m", "y", weight_channel="w")]).trust
+    assert trust.persistence["m"] == pytest.approx(19, rel=0.3)
+
+
+@settings(deadline=None, max_examples=80)
+@given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=60))
+def test_each_sample_is_in_one_class(weights):
+    w = np.array(weights)
+    found = classes(w)
+    assert len(found) <= 8
+    inside = np.array([(w > above) & (w <= most) for above, most in found])
+    assert np.all(inside.sum(axis=0) == 1)
+    assert np.all(inside.any(axis=1))
+
+
+@pytest.mark.parametrize("text", [TEXT, "m = PT1(C(x) + k * sin(7 * x), 0.1)"], ids=["no memory", "memory"])
+def test_the_groups_add_up_to_the_whole(text):
+    data = kf.Dataset.of("d", {"x": X, "y": CLEAN, "w": W}, time=0.1 * np.arange(SIZE))
+    other = kf.Dataset.of("e", {"x": X[:90], "y": CLEAN[:90], "w": W[:90]}, time=0.1 * np.arange(90), weight=3.0)
+    criteria = (kf.Criterion("m", "y", weight_channel="w"), kf.Criterion("m", 1.0, 0.5))
+    compiled = Compiled(Problem(kf.formula(text, parameters=["C", "k"]), (data, other), TRUTH, criteria))
+    errors = [np.zeros((2, bound.count)) for bound in compiled.problem.training]
+    found = groups(criteria, compiled.problem.training, errors, compiled.weighting)
+    assert len(found) == 18
+    full = compiled.values.pack(TRUTH)
+    whole = compiled.accumulator.normal(full).matrix.copy()
+    parts = [
+        Accumulator(compiled.kernel, rescored(compiled, {group: 1.0})).normal(full).matrix.copy() for group in found
+    ]
+    assert np.sum(parts, axis=0) == pytest.approx(whole, rel=1e-9, abs=1e-9)
+    doubled = Accumulator(compiled.kernel, rescored(compiled, dict.fromkeys(found, 2.0))).normal(full).matrix
+    assert doubled == pytest.approx(2 * whole, rel=1e-9, abs=1e-9)

@@ -1,0 +1,128 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from surrogates import dynamic_surrogate, random_expansion, static_surrogate
+
+from kennfeld.errors import InputError
+from kennfeld.expansion import Expansion
+from kennfeld.surrogate import StaticSurrogate, read_surrogate, recognises_surrogate, write_surrogate
+
+
+@pytest.mark.parametrize("made", [static_surrogate(), dynamic_surrogate(), dynamic_surrogate(validity=None, units=())])
+def test_a_surrogate_comes_back_as_it_was(made, tmp_path):
+    path = tmp_path / "model.json"
+    write_surrogate(made, path)
+    read = read_surrogate(path)
+    assert type(read) is type(made)
+    assert read.expansion == made.expansion
+    assert repr(read.quality) == repr(made.quality)
+    for name in set(vars(made)) - {"expansion", "validity", "quality", "_looks"}:
+        assert getattr(read, name) == getattr(made, name)
+    if made.validity is not None:
+        x = np.random.default_rng(0).normal(size=(20, made.expansion.inputs))
+        np.testing.assert_array_equal(read.validity.distance(x), made.validity.distance(x))
+    first = path.read_text("utf-8")
+    write_surrogate(read, path)
+    assert path.read_text("utf-8") == first
+    assert recognises_surrogate(first)
+    assert [one.name for one in tmp_path.iterdir()] == ["model.json"]
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    offset=finite,
+    weights=arrays.arrays(np.float64, 3, elements=finite),
+    widths=arrays.arrays(np.float64, (3, 1), elements=st.floats(5e-324, 1e308)),
+)
+def test_every_number_comes_back_bit_for_bit(offset, weights, widths, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stored") / "model.json"
+    expansion = Expansion(offset, [1 / 3], weights, [[0.1], [-0.0], [1e-310]], widths)
+    write_surrogate(StaticSurrogate("f", ("x",), "y", (), expansion), path)
+    assert read_surrogate(path).expansion == expansion
+
+
+def test_a_plane_without_centres_can_be_stored(tmp_path):
+    expansion = Expansion(1.0, [2.0, 3.0], [], np.empty((0, 2)), np.empty((0, 2)))
+    write_surrogate(StaticSurrogate("f", ("a", "b"), "y", (), expansion), tmp_path / "f.json")
+    assert read_surrogate(tmp_path / "f.json").expansion == expansion
+
+
+def broken(tmp_path, change, made=None):
+    path = tmp_path / "model.json"
+    write_surrogate(made or dynamic_surrogate(), path)
+    content = json.loads(path.read_text("utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), "utf-8")
+    with pytest.raises(InputError) as caught:
+        read_surrogate(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.pop("expansion"), "model.json expansion: is missing"),
+        (lambda c: c.update(kind="kennfeld-dynamc-surrogate"), "Did you mean kennfeld-dynamic-surrogate?"),
+        (lambda c: c.update(version=7), "model.json version: 7 is unknown, this program knows 1. Update kennfeld."),
+        (lambda c: c["expansion"].update(offset=None), "model.json expansion offset: None is no finite number"),
+        (lambda c: c["expansion"]["weights"].append("x"), "model.json expansion weights:"),
+        (lambda c: c["expansion"]["weights"].append(1.0), "centres of an expansion have shape (4, 5)"),
+        (lambda c: c["expansion"]["widths"][0].__setitem__(0, -1), "widths of an expansion must be above 0"),
+        (lambda c: c["expansion"]["centres"][0].pop(), "model.json expansion centres:"),
+        (lambda c: c["validity"].update(threshold=3), "threshold=3.0 of a validity range"),
+        (lambda c: c["quality"][0].update(use="never"), "model.json quality 1: use 'never'"),
+        (lambda c: c.update(lags=[[0, 2], [1.5]]), "model.json lags 2: [1.5] is no list of whole numbers"),
+        (lambda c: c.update(lags=[[0, 2]]), "one tuple for each of 2 inputs"),
+        (lambda c: c.update(step="fast"), "model.json step: 'fast' is no finite number"),
+        (lambda c: c.update(limits=[1]), "model.json limits: [1] must be two numbers"),
+        (lambda c: c.update(inputs="throttle"), "model.json inputs: 'throttle' is no list of texts"),
+    ],
+)
+def test_a_broken_file_is_told_with_its_place(change, message, tmp_path):
+    assert message in broken(tmp_path, change)
+
+
+def test_every_problem_is_told_at_once(tmp_path):
+    def change(content):
+        content["step"], content["start"] = "fast", None
+        del content["output"]
+
+    told = broken(tmp_path, change)
+    assert len(told.splitlines()) == 3
+    assert "train" in told.casefold()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b'{"kind": ', "model.json line 1, column 10: this is no JSON"),
+        (b"[]", "model.json: this is no stored surrogate"),
+        (b"\xff\xfe", "model.json: this is no UTF-8 text"),
+    ],
+)
+def test_what_is_no_surrogate_is_told(text, message, tmp_path):
+    (tmp_path / "model.json").write_bytes(text)
+    with pytest.raises(InputError) as caught:
+        read_surrogate(tmp_path / "model.json")
+    assert message in str(caught.value)
+
+
+def test_a_missing_file_offers_the_nearest_name(tmp_path):
+    write_surrogate(static_surrogate(), tmp_path / "engine.json")
+    with pytest.raises(InputError, match=r"Did you mean engine\.json\?"):
+        read_surrogate(tmp_path / "engin.json")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_surrogate(static_surrogate(), tmp_path / "missing" / "engine.json")
+
+
+def test_the_file_is_readable(tmp_path):
+    write_surrogate(dynamic_surrogate(expansion=random_expansion(1, 5, 30)), tmp_path / "model.json")
+    lines = (tmp_path / "model.json").read_text("utf-8").splitlines()
+    assert 60 < len(lines) < 400
+    assert '  "output_lags": [1, 3],' in lines

@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+from surrogates import tank_recording
+
+from kennfeld.dataset import Dataset
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, SurrogateSettings, train_surrogate
+from kennfeld.surrogate.free_run import Settings
+from kennfeld.surrogate.lag_selection import select_lags
+from kennfeld.surrogate.recordings import runs_of
+
+
+def bench(name, seed, use="training", samples=120):
+    rng = np.random.default_rng(seed)
+    speed, air = rng.uniform(700, 4000, samples), rng.uniform(10, 100, samples)
+    torque = 2 * air - 30 * np.sin(speed / 900) + rng.normal(size=samples)
+    units = {"speed": "rpm", "air": "%", "torque": "Nm"}
+    return Dataset.of(name, {"speed": speed, "air": air, "torque": torque}, units=units, use=use)
+
+
+def rows(surrogate):
+    return {(line.dataset, line.mode): line for line in surrogate.quality}
+
+
+@pytest.mark.parametrize("method", ["auto", "sparse", "expansion"])
+def test_a_static_surrogate_is_trained_and_tested(method):
+    settings = SurrogateSettings("torque", ("speed", "air"), "torque", method=method, centres=40, starts=1)
+    made = train_surrogate([bench("a", 0), bench("b", 1, "test")], settings)
+    assert isinstance(made, StaticSurrogate)
+    assert made.units == ("rpm", "%", "Nm")
+    found = rows(made)
+    assert found["b", "static"].use == "test"
+    assert found["b", "static"].rmse < 3
+    assert found["a", "static"].r2 > 0.99
+    if method != "expansion":
+        assert found["all", "leave one out"].rmse < 2.5
+
+
+def test_missing_values_and_unscored_samples_teach_nothing():
+    data = bench("a", 0)
+    torque = data["torque"].values.copy()
+    torque[:5] = np.nan
+    torque[5:10] = 1e6
+    spoilt = Dataset.of(
+        "a",
+        {"speed": data["speed"].values, "air": data["air"].values, "torque": torque},
+        scored=np.arange(120) >= 10,
+    )
+    made = train_surrogate([spoilt], SurrogateSettings("torque", ("speed", "air"), "torque", starts=1))
+    assert rows(made)["a", "static"].samples == 110
+    assert rows(made)["a", "static"].rmse < 3
+
+
+def tank_settings(**changes):
+    given = {"kind": "dynamic", "lags": {"u": (1,)}, "output_lags": (1,), "centres": 15, "starts": 1, "hold": 1.0}
+    return SurrogateSettings("tank", ("u",), "level", **(given | changes))
+
+
+def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
+    data = [tank_recording("a", 0), tank_recording("b", 1, noise=0.0, use="test")]
+    told = []
+    made = train_surrogate(data, tank_settings(), told.append)
+    assert isinstance(made, DynamicSurrogate)
+    assert (made.step, made.output_lags, made.lags) == (1.0, (1,), ((1,),))
+    found = rows(made)
+    assert found["b", "free run"].rmse < 0.02
+    assert found["b", "one step"].samples == 399
+    assert "All 48 free runs" in made.stability
+    assert any("free run, step 1" in line for line in told)
+    u, level = data[1]["u"].values[:, None], data[1]["level"].values
+    assert made.outside(u, level).mean() < 0.1
+    assert made.outside(u + 40, level).all()
+
+
+def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
+    data = [tank_recording("a", 0, samples=600, noise=0.1), tank_recording("b", 1, noise=0.0, use="test")]
+    one_step = rows(train_surrogate(data, tank_settings(free_run=False)))
+    free_run = rows(train_surrogate(data, tank_settings()))
+    assert free_run["b", "free run"].rmse < 0.6 * one_step["b", "free run"].rmse
+
+
+def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out():
+    told = []
+    data = [tank_recording("a", 0, samples=200), tank_recording("b", 1, noise=0.0, use="test")]
+    made = train_surrogate(data, tank_settings(hold=None, centres=8), told.append)
+    assert sum("blocks left out" in line for line in told) >= 3
+    assert rows(made)["b", "free run"].rmse < 0.03
+
+
+def test_a_dead_time_is_found_among_the_lags():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, 40), 6)
+    y = np.zeros(240)
+    for k in range(6, 240):
+        y[k] = 0.7 * y[k - 1] + u[k - 6]
+    data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=240)}, time=0.1 * np.arange(240))
+    lags = select_lags(runs_of(data, ("u",), "y", 0.1), 1, Settings(), longest=7, output_lags=(1,))
+    assert lags.output == (1,)
+    assert 6 in lags.inputs[0]
+
+
+def test_a_gap_ends_a_run_and_a_short_one_is_bridged():
+    u, level = np.arange(40.0), np.arange(40.0)
+    level[10], level[20:25] = np.nan, np.nan
+    data = Dataset.of("gaps", {"u": u, "level": level}, time=np.arange(40.0), max_gap=2.5)
+    runs = runs_of(data, ("u",), "level", 1.0)
+    assert [len(run) for run in runs] == [20, 15]
+    assert runs[0].y[10] == 10.0
+    assert len(runs_of(Dataset.of("gaps", {"u": u, "level": level}, time=np.arange(40.0)), ("u",), "level", 1.0)) == 3
+
+
+def test_a_recording_on_another_raster_is_brought_onto_the_step():
+    time = 0.5 * np.arange(81)
+    data = Dataset.of("fine", {"u": 0.1 * time, "level": 2.0 * time + 0.25}, time=time)
+    (run,) = runs_of(data, ("u",), "level", 2.0)
+    np.testing.assert_allclose(run.y, 4.0 * np.arange(21) + 0.25)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kind": "transient"}, "kind='transient' of surrogate tank must be static or dynamic"),
+        ({"method": "exact"}, "method='exact' of dynamic surrogate tank must be auto or sparse"),
+        ({"lags": {"v": (1,)}}, "lags of 'v', which is no input of tank"),
+        ({"lags": {}}, "lags of input 'u' of surrogate tank are missing"),
+        ({"centres": 0}, "centres=0 of surrogate tank must be at least 1"),
+        ({"step": -1.0}, "step=-1.0 of surrogate tank"),
+        ({"hold": -1.0}, "hold=-1.0 of surrogate tank"),
+        ({"limits": (2.0, 1.0)}, r"limits=\(2.0, 1.0\) of surrogate tank"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_named(changes, message):
+    with pytest.raises(ArgumentError, match=message):
+        tank_settings(**changes)
+
+
+def test_every_missing_channel_is_told_at_once():
+    settings = SurrogateSettings("torque", ("sped", "air"), "trq")
+    with pytest.raises(InputError) as caught:
+        train_surrogate([bench("a", 0, "test")], settings)
+    told = str(caught.value)
+    assert "dataset a: channel sped is missing. Did you mean speed?" in told
+    assert "channel trq is missing" in told
+    assert "no dataset is for training" in told
+
+
+def test_points_without_time_stamps_are_no_recording():
+    with pytest.raises(InputError, match="dataset a: a dynamic model needs time stamps"):
+        train_surrogate([bench("a", 0)], SurrogateSettings("x", ("speed",), "torque", kind="dynamic"))

@@ -1,0 +1,108 @@
+"""Expansions in radial basis functions as parameters: their values, their bounds, their file."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import kennfeld as kf
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.rbf import parts
+
+
+def rbf(inputs=2, size=3, seed=0, **attributes):
+    rng = np.random.default_rng(seed)
+    tables = rng.normal(size=(size, inputs)), rng.uniform(0.5, 2.0, (size, inputs))
+    made = kf.Expansion(rng.normal(), rng.normal(size=inputs), rng.normal(size=size), *tables)
+    return kf.RBF("F", made, list("abcdefgh"[:inputs]), **attributes)
+
+
+@given(st.integers(1, 6), st.integers(0, 12), st.integers(0, 99))
+def test_values_and_expansion_are_the_same_numbers(inputs, size, seed):
+    parameter = rbf(inputs, size, seed)
+    assert (parameter.coordinates, parameter.centres) == (inputs, size)
+    assert parameter.with_values(parameter.values).expansion == parameter.expansion
+    at = parts(inputs, size)
+    np.testing.assert_array_equal(parameter.values[at.weights], parameter.expansion.weights)
+    np.testing.assert_array_equal(parameter.values[at.widths].reshape(inputs, size).T, parameter.expansion.widths)
+
+
+@given(st.integers(1, 4), st.integers(0, 5), st.integers(0, 99))
+def test_slopes_of_the_values_are_those_of_differences(inputs, size, seed):
+    parameter = rbf(inputs, size, seed)
+    x = np.random.default_rng(seed).normal(size=(7, inputs))
+    exact, step = parameter.value_slopes(x), 1e-6
+    for i in range(parameter.size):
+        ends = [parameter.values + side * step * (np.arange(parameter.size) == i) for side in (1, -1)]
+        high, low = (parameter.with_values(end).expansion(x) for end in ends)
+        np.testing.assert_allclose(exact[:, i], (high - low) / (2 * step), rtol=1e-5, atol=1e-7)
+
+
+def test_a_width_stays_above_0():
+    parameter = rbf()
+    at = parts(2, 3).widths
+    np.testing.assert_allclose(parameter.lower[at], 0.05 * parameter.values[at])
+    bounded = rbf(lower=np.full(parameter.size, 0.4))
+    assert np.all(bounded.lower[at] == 0.4)
+    moved = parameter.with_values(2 * parameter.values)
+    np.testing.assert_array_equal(moved.lower, parameter.lower)
+
+
+def test_a_changed_one_keeps_its_inputs():
+    assert rbf().changed(unit="Nm").inputs == ("a", "b")
+
+
+def test_the_file_holds_it_bit_for_bit(tmp_path):
+    parameter = rbf(3, 4, unit="Nm", description="a model")
+    kf.ParameterSet([parameter]).save(tmp_path / "p.json")
+    read = kf.read_parameters(tmp_path / "p.json")["F"]
+    assert read.expansion == parameter.expansion
+    assert (read.inputs, read.unit, read.description) == (parameter.inputs, "Nm", "a model")
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"widths": [[1.0, 0.0]] * 3}, "widths of an expansion must be above 0"),
+        ({"weights": [1.0, 2.0, None]}, "must be a finite number"),
+        ({"centres": [[1.0, 2.0]] * 2}, r"F\.centres: has 2 entries, not 3"),
+        ({"inputs": ["a"]}, r"F\.slopes: has 2 entries, not 1"),
+        ({"offset": "x"}, r"F\.offset: 'x' is no number"),
+        ({"centers": []}, "Did you mean centres"),
+    ],
+)
+def test_a_broken_file_is_answered(tmp_path, change, expected):
+    kf.ParameterSet([rbf()]).save(tmp_path / "p.json")
+    content = json.loads((tmp_path / "p.json").read_text())
+    content["F"] |= change
+    (tmp_path / "p.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=expected):
+        kf.read_parameters(tmp_path / "p.json")
+
+
+@pytest.mark.parametrize("ending", ["dcm", "csv"])
+def test_formats_that_cannot_hold_it_say_so(tmp_path, ending):
+    with pytest.raises(InputError, match="cannot hold"):
+        kf.ParameterSet([rbf()]).save(tmp_path / f"p.{ending}")
+
+
+def test_inputs_must_be_as_many_as_the_expansion_has():
+    with pytest.raises(ArgumentError, match="has 2 inputs, not the 1"):
+        kf.RBF("F", rbf().expansion, ["a"])
+
+
+def test_a_model_is_found_again_from_its_data():
+    truth = rbf(1, 3, seed=4)
+    x = np.linspace(-3, 3, 200)
+    data = {"x": x, "y": truth.expansion(x[:, None])}
+    start = truth.with_values(truth.values + 0.05 * np.random.default_rng(0).normal(size=truth.size))
+    result = kf.calibrate("m = F(x)", data, kf.ParameterSet([start]), target="y")
+    assert result.quality[0].rmse_after < 1e-4
+    assert result.quality[0].rmse_before > 1e-2
+
+
+def test_a_lookup_with_the_wrong_number_of_coordinates_is_told():
+    with pytest.raises(InputError, match="F is given 1 coordinates, but has 2"):
+        kf.simulate("m = F(x)", {"x": [1.0]}, kf.ParameterSet([rbf()]))
