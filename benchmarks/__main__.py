@@ -10,6 +10,7 @@ from benchmarks.table import Table
 
 TOPICS = {
     "torque": "benchmarks.torque",
+    "exhaust": "benchmarks.exhaust",
     "limits": "benchmarks.limits",
     "scaling": "benchmarks.scaling",
     "states": "benchmarks.states",
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(heading(), flush=True)
     for topic in given.topics or TOPICS:
         run: Callable[[], list[Table]] = import_module(TOPICS[topic]).run
-        for table in (partial(run, given.cap) if topic == "torque" else run)():
+        for table in (partial(run, given.cap) if topic in ("torque", "exhaust") else run)():
             print(f"\n{table}", end="", flush=True)
 
 
