@@ -5,6 +5,7 @@ from surrogates import tank_recording
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, SurrogateSettings, train_surrogate
+from kennfeld.surrogate.choosing import _lowest
 from kennfeld.surrogate.free_run import Settings
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.recordings import runs_of
@@ -85,6 +86,11 @@ def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out():
     made = train_surrogate(data, tank_settings(hold=None, centres=8), told.append)
     assert sum("blocks left out" in line for line in told) >= 3
     assert rows(made)["b", "free run"].rmse < 0.03
+
+
+def test_a_single_low_among_high_ones_is_not_chosen():
+    table = np.array([[9.0, 1.9, 9.0, 9.0, np.inf], [9.0, 2.1, 2.0, 2.1, 9.0]])
+    assert _lowest(table) == (1, 2)
 
 
 def test_a_dead_time_is_found_among_the_lags():

@@ -76,21 +76,29 @@ class _Values:
             centres, widths = centres + widths * moved, widths * np.exp(np.clip(wider, -WIDEST, WIDEST))
         return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
 
-    def direct(self, expansion: Expansion, x: Float) -> Float:
-        """df/dp at points Float[points, inputs], in units of height: Float[points, values]."""
+    def direct(self, expansion: Expansion, x: Float, own: int) -> tuple[Float, Float]:
+        """df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
         from scipy.linalg import solve_triangular
 
         plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
         if not self.moves_centres:
             near = bells(x, expansion.centres, self.lengths)
-            return np.concatenate([*plane, solve_triangular(self.root, near.T, lower=True).T], axis=1)
+            whitened = solve_triangular(self.root, near.T, lower=True).T
+            return np.concatenate([*plane, whitened], axis=1), _slopes(expansion, x, near, own)
         distance = (x[:, None, :] - expansion.centres) / expansion.widths
         near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
         steep = (near * (expansion.weights / self.height))[:, :, None] * distance
         columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
         columns.append((steep * distance).reshape(len(x), -1))
-        return np.concatenate(columns, axis=1)
+        return np.concatenate(columns, axis=1), _slopes(expansion, x, near, own)
+
+
+def _slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
+    """df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
+    pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
+    return expansion.slopes[:own] + pulled
 
 
 def train_free_run(
@@ -157,12 +165,14 @@ def _normal(values: _Values, expansion: Expansion, run: FreeRun, runs: Runs) -> 
     rows = np.zeros((back, pieces, size))
     for first in range(0, steps, block):
         part = slice(first, min(first + block, steps))
-        direct = values.direct(expansion, visited[part].reshape(-1, expansion.inputs)).reshape(-1, pieces, size)
-        direct[run.held[part]] = 0.0
-        rows = np.concatenate([rows[-back:], direct])
-        for k, slopes in enumerate(run.slopes[part], back):
+        direct, slopes = values.direct(expansion, visited[part].reshape(-1, expansion.inputs), len(lags))
+        rows = np.concatenate([rows[-back:], direct.reshape(-1, pieces, size)])
+        rows[back:][run.held[part]] = 0.0
+        slopes = slopes.reshape(-1, pieces, len(lags), 1)
+        slopes[run.held[part]] = 0.0
+        for k, steep in enumerate(slopes, back):
             for i, lag in enumerate(lags):
-                rows[k] += slopes[:, i, None] * rows[k - lag]
+                rows[k] += steep[:, i] * rows[k - lag]
         counted = rows[back:][runs.scored[part]]
         matrix += counted.T @ counted
         gradient += counted.T @ residual[part][runs.scored[part]]

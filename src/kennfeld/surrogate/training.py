@@ -61,7 +61,7 @@ class SurrogateSettings:
     free_run: bool = True
     moves_centres: bool = False
     hold: float | None = None
-    iterations: int = 15
+    iterations: int = 10
 
     def __post_init__(self) -> None:
         self._check_choices()
