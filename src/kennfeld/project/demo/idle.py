@@ -19,8 +19,7 @@ THROTTLE, LOAD = (7.0, 15.0), (15.0, 28.0)  # degrees, Nm
 REST = 8.9  # degrees, the throttle from which the governor starts
 SET_VALUES = (1980.0, 2400.0, 2150.0, 2700.0, 2000.0)  # rpm, 6 s each
 CONSTANT_LOAD = 20.0  # Nm
-PROJECTS = ("kennfeld.toml", "limited.toml")
-RESULTS = ("results", "results-limited")
+PROJECTS = (("kennfeld.toml", "results"), ("limited.toml", "results-limited"))
 
 FORMULA = """\
 # A PI governor that acts each 20 ms, around an engine that is a data-driven model: engine.json, see engine.toml.
@@ -34,7 +33,7 @@ step 0.02
 n[rpm] = engine(throttle, load, 1980)
 miss[rpm] = n_set - n
 held[deg] = integrator(Ki * miss / dt, 8.9, 7, 15)
-throttle[deg] = clip(8.9 * 0 + Kp * miss + held, 7, 15)
+throttle[deg] = clip(Kp * miss + held, 7, 15)
 
 # how far the speed passes a new set value
 up = n_set > prev(n_set, n_set)
@@ -42,7 +41,6 @@ down = n_set < prev(n_set, n_set)
 direction = if(up, 1, if(down, -1, prev(direction, 0)))
 overshoot[rpm] = direction * (n - n_set)
 """
-FORMULA = FORMULA.replace("8.9 * 0 + ", "")
 
 
 def recording(name: str, minutes: float, seed: int, use: Use = "training") -> Dataset:
@@ -112,9 +110,9 @@ def prepare(folder: Path, report: Callable[[str], None]) -> None:
 
 
 def closing(folder: Path) -> list[list[str]]:
-    """A table of what the gains do on the physical engine, which the calibration never saw."""
-    rows = [["gains", "Kp", "Ki", "RMSE, rpm", "overshoot, rpm"]]
-    for name, results in zip(("free", "limited"), RESULTS, strict=True):
+    """What the gains do on the physical engine, which no calibration saw."""
+    rows = [["on the physical engine", "Kp", "Ki", "RMSE, rpm", "overshoot, rpm"]]
+    for name, (_, results) in zip(("kennfeld.toml", "limited.toml"), PROJECTS, strict=True):
         found = read_parameters(folder / results / "parameters.json")
         kp, ki = (float(found[gain].values) for gain in ("Kp", "Ki"))
         miss, over = on_the_engine(kp, ki)
