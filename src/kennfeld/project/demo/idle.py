@@ -66,7 +66,8 @@ def set_values() -> Dataset:
 
 
 def _time(samples: int) -> Float:
-    return (STEP * np.arange(samples)).round(2)
+    time: Float = (STEP * np.arange(samples)).round(2)
+    return time
 
 
 def start() -> ParameterSet:
