@@ -154,3 +154,27 @@ def test_every_missing_channel_is_told_at_once():
 def test_points_without_time_stamps_are_no_recording():
     with pytest.raises(InputError, match="dataset a: a dynamic model needs time stamps"):
         train_surrogate([bench("a", 0)], SurrogateSettings("x", ("speed",), "torque", kind="dynamic"))
+
+
+def test_channels_that_never_change_are_named():
+    time = np.arange(60.0)
+    data = Dataset.of("still", {"u": np.sin(time), "v": np.full(60, 3.0), "y": np.zeros(60)}, time=time)
+    with pytest.raises(InputError) as caught:
+        train_surrogate([data], SurrogateSettings("x", ("u", "v"), "y", kind="dynamic"))
+    assert "channel v: is 3 in all training data" in str(caught.value)
+    assert "channel y: is 0 in all training data" in str(caught.value)
+
+
+def test_a_constant_output_is_learnt_as_one():
+    rng = np.random.default_rng(0)
+    data = Dataset.of("flat", {"u": rng.normal(size=30), "y": np.full(30, 7.0)})
+    made = train_surrogate([data], SurrogateSettings("x", ("u",), "y", starts=1))
+    assert made(np.array([0.3])) == pytest.approx(7.0)
+    assert np.isnan(rows(made)["flat", "static"].r2)
+
+
+def test_recordings_that_are_too_short_are_told():
+    time = np.arange(6.0)
+    data = Dataset.of("short", {"u": np.sin(time), "y": np.cos(time)}, time=time)
+    with pytest.raises(InputError, match="no piece without gaps that is long enough"):
+        train_surrogate([data], SurrogateSettings("x", ("u",), "y", kind="dynamic"))

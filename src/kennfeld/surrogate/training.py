@@ -154,7 +154,12 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     pieces = {id(one): runs_of(one, settings.inputs, settings.output, step) for one in datasets}
     training = [run for one in datasets if one.use == "training" for run in pieces[id(one)]]
     if not training:
-        raise InputError.of("", "the training data have no piece without gaps", "Raise max_gap, or give other files.")
+        raise InputError.of(
+            "",
+            "the training data have no piece without gaps that is long enough",
+            "Raise max_gap, or give other files.",
+        )
+    _check_changing(training, settings)
     lags = _lags(training, settings, report)
     runs = Runs.of(training, lags)
     lengths = one_step_lengths(runs, settings.centres, settings.limits, settings.starts, settings.seed)
@@ -182,6 +187,19 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     )
     lines = [line for one in datasets for line in _scores(made, one, pieces[id(one)])]
     return replace(made, quality=tuple(lines))
+
+
+def _check_changing(training: Sequence[Run], settings: SurrogateSettings) -> None:
+    table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
+    findings = [
+        Finding(
+            f"channel {name}", f"is {column[0]:g} in all training data", "Nothing can be learnt from it; leave it out."
+        )
+        for name, column in zip((*settings.inputs, settings.output), table.T, strict=True)
+        if np.ptp(column) == 0
+    ]
+    if findings:
+        raise InputError(findings)
 
 
 def _lags(training: Sequence[Run], settings: SurrogateSettings, report: Report) -> Lags:
