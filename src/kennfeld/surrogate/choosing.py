@@ -9,20 +9,21 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.expansion import Expansion
 from kennfeld.surrogate.free_run import Settings, free_run_rmse, train_free_run
+from kennfeld.surrogate.horizons import HORIZONS, spans
 from kennfeld.surrogate.lags import Lags
 from kennfeld.surrogate.one_step import one_step_expansion
 from kennfeld.surrogate.recursion import Run, Runs
 
-__all__ = ["Choice", "Fold", "choose", "folds"]
+__all__ = ["MIDDLE", "Choice", "Fold", "choose", "folds"]
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
+MIDDLE = LONGEST[1]  # where none is chosen
 HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 BLOCKS = 6
 FEW = 3  # of them are left out in turn where there are more samples than are used
 SAMPLES = 3000  # used for choosing
 CENTRES = 60
 ITERATIONS = 6  # at most, where there are more samples than are used
-HORIZON = 500  # samples that training runs freely while something is being chosen
 SHORTEST = 20  # samples of a block beyond the lags
 
 
@@ -80,21 +81,14 @@ def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iter
 
 
 def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Run]:
-    """Neighbouring blocks joined, then cut into runs of about `HORIZON` samples."""
+    """Neighbouring blocks joined, then cut into runs of the longest horizon."""
     joined: list[tuple[int, int, int]] = []
     for i, first, end in blocks:
         if joined and joined[-1][0] == i and joined[-1][2] == first:
             joined[-1] = (i, joined[-1][1], end)
         else:
             joined.append((i, first, end))
-    return [pieces[i].part(*span) for i, first, end in joined for span in _short(first, end, lags)]
-
-
-def _short(first: int, end: int, lags: Lags) -> Iterator[tuple[int, int]]:
-    """A stretch cut into shorter ones, which run side by side, so in less time; they share the lags at their ends."""
-    parts = max(round((end - first) / max(HORIZON, 5 * lags.longest)), 1)
-    edges = np.linspace(first, end, parts + 1).astype(int).tolist()
-    yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
+    return [pieces[i].part(*span) for i, first, end in joined for span in spans(first, end, lags, HORIZONS[-1])]
 
 
 def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:

@@ -24,6 +24,7 @@ __all__ = ["Settings", "free_run_rmse", "train_free_run"]
 BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
 PLANE = 1e-4  # how firmly the plane is held, in shares of `hold`
 MOST_DAMPING = 1e10
+PATIENCE = 2  # small gains in a row after which training ends
 WIDEST = 1.5  # a centre's width changes by at most exp of this
 
 
@@ -32,8 +33,8 @@ class Settings:
     """How training for free run is done.
 
     `hold` ties the expansion to where it began, or to its plane; 1 is about one standard deviation of the output.
-    `moves_centres` refines centres and widths as well. Training ends when a step lowers the cost by less than
-    `tolerance`, relatively, or after `iterations`.
+    `moves_centres` refines centres and widths as well. Training ends when two steps in a row lower the cost by
+    less than `tolerance`, relatively, or after `iterations`.
     """
 
     hold: float = 10.0
@@ -112,7 +113,7 @@ def train_free_run(
     values = _Values(start, runs, settings)
     at = values.first
     expansion, run, cost = _evaluate(values, at, runs, settings)
-    damping, count = 1e-2, int(runs.scored.sum())
+    damping, calm, count = 1e-2, 0, int(runs.scored.sum())
     for step in range(settings.iterations if np.isfinite(cost) else 0):
         matrix, gradient = _normal(values, expansion, run, runs)
         matrix.flat[:: at.size + 1] += values.hold
@@ -128,7 +129,8 @@ def train_free_run(
                 break
             damping *= 4
         report(step, values.height * float(np.sqrt(_misfit(run, runs, values) / count)))
-        if not before - cost > settings.tolerance * before:
+        calm = 0 if before - cost > settings.tolerance * before else calm + 1
+        if calm >= PATIENCE or damping >= MOST_DAMPING:
             break
     return expansion
 

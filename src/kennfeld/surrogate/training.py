@@ -9,9 +9,10 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.surrogate.choosing import Choice, choose, folds
+from kennfeld.surrogate.choosing import MIDDLE, Choice, choose, folds
 from kennfeld.surrogate.expand import expand_data
-from kennfeld.surrogate.free_run import Settings, train_free_run
+from kennfeld.surrogate.free_run import Settings
+from kennfeld.surrogate.horizons import train_over_horizons
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.lags import Lags
@@ -167,8 +168,12 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     start = one_step_expansion(runs, choice.lengths, settings.centres, settings.limits, settings.seed)
     expansion = start
     if settings.free_run:
-        expansion = train_free_run(
-            start, runs, choice.settings, lambda k, rmse: report(f"free run, step {k + 1}: RMSE {rmse:.4g}")
+        expansion = train_over_horizons(
+            start,
+            training,
+            lags,
+            choice.settings,
+            lambda horizon, k, rmse: report(f"free run over {horizon} samples, step {k + 1}: RMSE {rmse:.4g}"),
         )
     made = DynamicSurrogate(
         settings.name,
@@ -218,7 +223,7 @@ def _choice(training: Sequence[Run], lags: Lags, lengths: Float, settings: Surro
     """How smooth and how firmly held; as given, or where one step is all that is asked for, without a search."""
     asked = Settings(limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations)
     if settings.hold is not None:
-        return Choice(lengths, replace(asked, hold=settings.hold), np.nan)
+        return Choice(np.minimum(lengths, MIDDLE), replace(asked, hold=settings.hold), np.nan)
     divisions = folds(training, lags) if settings.free_run else []
     return choose(divisions, lengths, settings.centres, asked, report) if divisions else Choice(lengths, asked, np.nan)
 
