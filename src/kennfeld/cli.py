@@ -13,6 +13,8 @@ from kennfeld.errors import Finding, InputError, KennfeldError
 from kennfeld.terminal.output import complain, say
 
 if TYPE_CHECKING:
+    from kennfeld.analysis.leaving import Leaving
+    from kennfeld.optimize import Result
     from kennfeld.project import Project
 
 __all__ = ["app", "main", "run"]
@@ -215,7 +217,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     from kennfeld.project.results import require_room, write
     from kennfeld.report import safely
     from kennfeld.terminal.choices import choices
-    from kennfeld.terminal.findings import left_open
+    from kennfeld.terminal.findings import left_data, left_open
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
@@ -229,7 +231,10 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
         with Interrupt() as interrupt:
             with display("compiling", project.file.optimizer.starts) as shown:
                 result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
-            written = write(result, project, folder, {"report.html": safely(project, result, findings)})
+            left = _left(project, result)
+            text = safely(project, result, findings, left)
+            further = {"surrogates": [row.as_json() for row in left]} if left else None
+            written = write(result, project, folder, {"report.html": text}, further)
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
@@ -239,11 +244,21 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     say(f"{result.status}: {result.message}")
     say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    say(*left_open(result.trust))
+    say(*left_open(result.trust), *left_data(left))
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:
         return INTERRUPTED
     return DONE if result.converged else NOT_CONVERGED
+
+
+def _left(project: "Project", result: "Result") -> "Sequence[Leaving]":
+    """Where surrogates are used outside the data they were trained on."""
+    if not project.surrogates:
+        return ()
+    from kennfeld.analysis.leaving import leaving
+    from kennfeld.optimize.choice.lag import moved
+
+    return leaving(moved(project.problem(), result.shifts), result.parameters)
 
 
 def _sound(project: "Project") -> list[Finding]:
@@ -280,9 +295,18 @@ def simulate(
     from kennfeld.project.results import write_simulation
 
     project = Project.read(path)
-    datasets = project.simulate(None if parameters is None else read(parameters))
+    values = None if parameters is None else read(parameters)
+    datasets = project.simulate(values)
     written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    say(*(f"{data.name}: {data.samples} samples" for data in datasets), f"Written to {written}")
+    say(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    if project.surrogates:
+        from kennfeld.analysis.leaving import leaving
+        from kennfeld.project.simulation import replaced
+        from kennfeld.terminal.findings import left_data
+
+        problem = project.problem()
+        say(*left_data(leaving(problem, replaced(problem, values)), ""))
+    say(f"Written to {written}")
     return DONE
 
 
