@@ -111,3 +111,14 @@ def test_the_text_of_such_a_graph_reads_back():
 
     graph = formula(LOOP, surrogates=[engine()]).graph
     assert formula(to_text(graph)).graph == graph
+
+
+@pytest.mark.parametrize("text", ["y = F(x, z) + k", "y = k * F(x, z)", "y = k * prev(F(x, z), 0)"])
+def test_one_that_depends_on_the_data_alone_is_computed_before_the_fit(text):
+    surrogate = StaticSurrogate("F", ("x", "z"), "y", (), expansion(2))
+    x = np.random.default_rng(3).normal(size=(50, 2))
+    model = formula(f"{text}\nscalar k", surrogates=[surrogate])
+    data = kf.Dataset.of("d", {"x": x[:, 0], "z": x[:, 1]}, time=np.arange(50.0))
+    wanted = kf.simulate(model, data, {"k": 1.7})["y"].values
+    result = kf.calibrate(model, {"x": x[:, 0], "z": x[:, 1], "m": wanted}, {"k": 0.5}, target="m", node="y")
+    assert float(result.parameters["k"].values) == pytest.approx(1.7)
