@@ -52,7 +52,7 @@ class TestHelp:
         assert cli.run(["--help"]) == 0
         commands = capsys.readouterr().out.partition("Commands:")[2].split("\n")
         names = [line.split()[0] for line in commands if line.strip()]
-        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert"]
+        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "surrogate"]
 
     def test_is_what_a_bare_call_shows(self, capsys):
         assert cli.run([]) == 0
