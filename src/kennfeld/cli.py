@@ -132,12 +132,15 @@ def demo(
 
 @app.command()
 def check(path: ProjectFile) -> int:
-    """Name every problem of a project and its files.
+    """Name every problem of a project and its files, or of a training file.
 
     Each comes with its place and the mend, on stderr; nothing is calculated.
     """
     from kennfeld.project import Project
+    from kennfeld.project.toml import is_training, read_toml
 
+    if is_training(read_toml(path)):
+        return _check_training(path)
     project = Project.read(path)
     findings = _sound(project)
     complain(*findings)
@@ -146,6 +149,23 @@ def check(path: ProjectFile) -> int:
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in problem.datasets]
     say(f"{path}: {'ready, with warnings' if findings else 'no problem found'}")
     say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    return DONE
+
+
+def _check_training(path: Path) -> int:
+    from kennfeld.project.training import read_training
+
+    training = read_training(path)
+    datasets, findings = training.check()
+    if any(finding.severity == "error" for finding in findings):
+        raise InputError(findings)
+    complain(*findings)
+    settings = training.settings
+    called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
+    samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
+    say(f"{path}: a training file, {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{settings.kind} surrogate {called}; {', '.join(samples)}")
+    say(f"Next: kennfeld surrogate train {path}")
     return DONE
 
 
@@ -342,7 +362,9 @@ def report(
 
 @app.command()
 def info(
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula or project file.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, surrogate or project file.")
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Show what is in a file."""
