@@ -112,3 +112,15 @@ def test_one_without_a_range_is_noted_and_not_counted(inside, capsys):
     assert "leaves" not in capsys.readouterr().out
     assert result_of(inside)["surrogates"][0]["outside"] is None
     assert "bench does not say for which data it holds" in document(inside.project)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("max", "kennfeld.toml [surrogates] max: max is built in. Use another name."),
+        ('"my engine"', "my engine is no name that formula text can call"),
+    ],
+)
+def test_a_name_that_no_formula_can_call_is_reported(inside, name, said):
+    inside.change('bench = "bench.json"', f'bench = "bench.json"\n{name} = "bench.json"')
+    assert any(said in one for one in inside.errors())
