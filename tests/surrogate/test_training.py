@@ -68,7 +68,7 @@ def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
     assert found["b", "free run"].rmse < 0.02
     assert found["b", "one step"].samples == 399
     assert "All 48 free runs" in made.stability
-    assert any("free run, step 1" in line for line in told)
+    assert any("free run over 30 samples, step 1" in line for line in told)
     u, level = data[1]["u"].values[:, None], data[1]["level"].values
     assert made.outside(u, level).mean() < 0.1
     assert made.outside(u + 40, level).all()
