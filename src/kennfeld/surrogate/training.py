@@ -12,8 +12,8 @@ from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.surrogate.choosing import MIDDLE, Choice, choose, folds
 from kennfeld.surrogate.expand import expand_data
 from kennfeld.surrogate.free_run import Settings
-from kennfeld.surrogate.horizons import train_over_horizons
 from kennfeld.surrogate.gaussian_process import gaussian_process
+from kennfeld.surrogate.horizons import train_over_horizons
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.lags import Lags
 from kennfeld.surrogate.narx import DynamicSurrogate
