@@ -67,8 +67,7 @@ def set_values() -> Dataset:
 
 
 def _time(samples: int) -> Float:
-    time: Float = (STEP * np.arange(samples)).round(2)
-    return time
+    return np.asarray((STEP * np.arange(samples)).round(2), dtype=np.float64)
 
 
 def start() -> ParameterSet:
