@@ -106,7 +106,7 @@ def _kennfeld(
 
 @app.command()
 def demo(
-    name: Annotated[str, typer.Argument(help="Which demo: torque or exhaust.")] = "torque",
+    name: Annotated[str, typer.Argument(help="Which demo: torque, exhaust or idle.")] = "torque",
     folder: Annotated[
         Path | None,
         typer.Option("--dir", help="Folder to write it to.", show_default="kennfeld-demo-NAME", metavar="DIR"),
@@ -114,11 +114,16 @@ def demo(
 ) -> int:
     """Write a ready project with its data, and run it."""
     from kennfeld.project import Project
-    from kennfeld.project.demo import noise, write
+    from kennfeld.project.demo import closing, prepare, projects, write
+    from kennfeld.terminal.table import aligned
 
     path = write(name, folder or Path(f"kennfeld-demo-{name}"))
-    status = _calibrate(Project.read(path), path.parent / "results")
-    say("", f"The sensor's noise is {noise(name)}: on points it never saw, no model can come below that.")
+    prepare(name, path.parent, say)
+    status = DONE
+    for file, results in projects(name):
+        status = max(status, _calibrate(Project.read(path.with_name(file)), path.parent / results))
+        say("")
+    say(*aligned(closing(name, path.parent)), "")
     say(f"Next: look into {path}, change it, and run", f"  kennfeld calibrate {path}")
     return status
 

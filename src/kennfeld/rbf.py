@@ -102,6 +102,25 @@ class RBF(Parameter):
         packed[widths] = 1 / packed[widths]
         return packed
 
+    def value_name(self, number: int) -> str:
+        """What a value is, counted from 1: `width 2 in Speed`.
+
+        >>> bell = RBF("Bell", Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]]), inputs=["Speed"])
+        >>> [bell.value_name(i) for i in range(bell.size)]
+        ['offset', 'slope in Speed', 'weight 1', 'centre 1 in Speed', 'width 1 in Speed']
+        """
+        at = parts(self.coordinates, self.centres)
+        labels = [name or f"input {d + 1}" for d, name in enumerate(self.inputs)]
+        if number < at.slopes.start:
+            return "offset"
+        if number < at.slopes.stop:
+            return f"slope in {labels[number - at.slopes.start]}"
+        if number < at.weights.stop:
+            return f"weight {number - at.weights.start + 1}"
+        part = "centre" if number < at.centres.stop else "width"
+        which, centre = divmod(number - (at.centres if part == "centre" else at.widths).start, self.centres)
+        return f"{part} {centre + 1} in {labels[which]}"
+
     def changed(self, **changes: Any) -> Self:
         made = object.__new__(type(self))
         object.__setattr__(made, "inputs", changes.pop("inputs", self.inputs))

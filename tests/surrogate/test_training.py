@@ -4,7 +4,9 @@ from surrogates import tank_recording
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
-from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, SurrogateSettings, train_surrogate
+from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
+from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
+from kennfeld.surrogate.choosing import _lowest
 from kennfeld.surrogate.free_run import Settings
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.recordings import runs_of
@@ -66,7 +68,7 @@ def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
     assert found["b", "free run"].rmse < 0.02
     assert found["b", "one step"].samples == 399
     assert "All 48 free runs" in made.stability
-    assert any("free run, step 1" in line for line in told)
+    assert any("free run over 30 samples, step 1" in line for line in told)
     u, level = data[1]["u"].values[:, None], data[1]["level"].values
     assert made.outside(u, level).mean() < 0.1
     assert made.outside(u + 40, level).all()
@@ -85,6 +87,11 @@ def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out():
     made = train_surrogate(data, tank_settings(hold=None, centres=8), told.append)
     assert sum("blocks left out" in line for line in told) >= 3
     assert rows(made)["b", "free run"].rmse < 0.03
+
+
+def test_a_single_low_among_high_ones_is_not_chosen():
+    table = np.array([[9.0, 1.9, 9.0, 9.0, np.inf], [9.0, 2.1, 2.0, 2.1, 9.0]])
+    assert _lowest(table) == (1, 2)
 
 
 def test_a_dead_time_is_found_among_the_lags():
@@ -147,3 +154,27 @@ def test_every_missing_channel_is_told_at_once():
 def test_points_without_time_stamps_are_no_recording():
     with pytest.raises(InputError, match="dataset a: a dynamic model needs time stamps"):
         train_surrogate([bench("a", 0)], SurrogateSettings("x", ("speed",), "torque", kind="dynamic"))
+
+
+def test_channels_that_never_change_are_named():
+    time = np.arange(60.0)
+    data = Dataset.of("still", {"u": np.sin(time), "v": np.full(60, 3.0), "y": np.zeros(60)}, time=time)
+    with pytest.raises(InputError) as caught:
+        train_surrogate([data], SurrogateSettings("x", ("u", "v"), "y", kind="dynamic"))
+    assert "channel v: is 3 in all training data" in str(caught.value)
+    assert "channel y: is 0 in all training data" in str(caught.value)
+
+
+def test_a_constant_output_is_learnt_as_one():
+    rng = np.random.default_rng(0)
+    data = Dataset.of("flat", {"u": rng.normal(size=30), "y": np.full(30, 7.0)})
+    made = train_surrogate([data], SurrogateSettings("x", ("u",), "y", starts=1))
+    assert made(np.array([0.3])) == pytest.approx(7.0)
+    assert np.isnan(rows(made)["flat", "static"].r2)
+
+
+def test_recordings_that_are_too_short_are_told():
+    time = np.arange(6.0)
+    data = Dataset.of("short", {"u": np.sin(time), "y": np.cos(time)}, time=time)
+    with pytest.raises(InputError, match="no piece without gaps that is long enough"):
+        train_surrogate([data], SurrogateSettings("x", ("u",), "y", kind="dynamic"))

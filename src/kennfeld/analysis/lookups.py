@@ -75,7 +75,8 @@ class Lookups:
     def __init__(self, problem: Problem, parameters: ParameterSet, computed: Sequence[Float] = ()) -> None:
         graph = problem.graph
         self._parameters, self.states = parameters, bool(graph.states)
-        self.reached = {n: _reaches(problem, n) for n in graph.parameters if parameters[n].index_axes}
+        searched = [n for n in graph.parameters if parameters[n].index_axes and parameters[n].kind != "rbf"]
+        self.reached = {n: _reaches(problem, n) for n in searched}
         self._lookups = [
             (node.payload, node.args) for node in graph.nodes if node.op == "lookup" and self.reached.get(node.payload)
         ]

@@ -57,10 +57,11 @@ class Problem:
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
-        """The parameters that the function looks up and a pattern frees, without those that are locked altogether."""
+        """The parameters that the function looks up and a pattern frees, without the models that it brings along."""
         looked_up = self.model.graph.parameters
         named = (n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
-        return tuple(n for n in named if n not in self.parameters or not self.parameters[n].locked.all())
+        carried = {surrogate.name for surrogate in self.model.surrogates}
+        return tuple(n for n in named if n not in carried)
 
     @cached_property
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:

@@ -1,11 +1,14 @@
 """Today's calibration: the files of `[calibration] initial`, merged."""
 
+from pathlib import Path
+
 import numpy as np
 
 from kennfeld.calfiles import read
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.schema import ProjectFile
+from kennfeld.rbf import RBF
 
 __all__ = ["described", "read_initial", "sized"]
 
@@ -19,7 +22,7 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
             good = False
             continue
         try:
-            given = read(file.folder / name)
+            given = _read(file.folder / name)
         except InputError as error:
             findings += error.findings
             good = False
@@ -39,6 +42,28 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
         good = good and not clashes
         origin |= dict.fromkeys(given, name)
     return merged if good else None
+
+
+def _read(path: Path) -> ParameterSet:
+    """The parameters of a calibration file, or the expansion of a static surrogate as one that may be fitted."""
+    if path.suffix.casefold() != ".json" or not _is_surrogate(path):
+        return read(path)
+    from kennfeld.surrogate import StaticSurrogate, read_surrogate
+
+    made = read_surrogate(path)
+    if not isinstance(made, StaticSurrogate):
+        what = f"{made.name} is a dynamic surrogate, which cannot be a parameter"
+        raise InputError.of(path.name, what, f'Write [surrogates] and {made.name} = "{path.name}".')
+    unit = made.units[-1] if made.units else ""
+    return ParameterSet([RBF(made.name, made.expansion, made.inputs, unit=unit)])
+
+
+def _is_surrogate(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(200).decode("utf-8", errors="replace")
+    from kennfeld.surrogate import recognises_surrogate
+
+    return recognises_surrogate(head)
 
 
 def _missing(file: ProjectFile, name: str) -> Finding:

@@ -33,7 +33,7 @@ class Training:
         """The recordings. Raises `InputError` with every problem of theirs."""
         findings: list[Finding] = []
         calculated = read_calculated(self.data, findings)
-        needed = {name: "an input of the surrogate" for name in self.settings.inputs}
+        needed = dict.fromkeys(self.settings.inputs, "an input of the surrogate")
         needed[self.settings.output] = "the output of the surrogate"
         loaded = load(self.data, Wanted(needed), calculated, findings)
         if any(finding.severity == "error" for finding in findings):

@@ -11,6 +11,7 @@ from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.trust import Trust
 from kennfeld.parameters import ParameterSet
+from kennfeld.rbf import RBF
 
 __all__ = ["COLUMNS", "write_trust"]
 
@@ -32,21 +33,23 @@ def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
             writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
 
 
-def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[Float]]:
-    """The values of a parameter, their unit, and its breakpoints; those of an axis are numbered."""
+def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[float | str]]]:
+    """The values of a parameter, their unit, and its breakpoints; those of an axis are numbered, an expansion's named."""
     if name in parameters:
         table = parameters[name]
-        return table.values, table.unit, [axis.breakpoints for axis in table.index_axes]
+        if isinstance(table, RBF):
+            return table.values, table.unit, [[table.value_name(i) for i in range(table.size)]]
+        return table.values, table.unit, [axis.breakpoints.tolist() for axis in table.index_axes]
     place = next(axis.places[0] for key, axis in free_axes(parameters).items() if name in (str(key), f"axis {key}"))
     axis = parameters[place[0]].axes[place[1]]
-    return axis.breakpoints, axis.unit, [np.arange(1.0, len(axis) + 1)]
+    return axis.breakpoints, axis.unit, [np.arange(1.0, len(axis) + 1).tolist()]
 
 
 def _lines(
-    trust: Trust, name: str, values: Float, unit: str, breakpoints: Sequence[Float], leverage: Float | None
+    trust: Trust, name: str, values: Float, unit: str, breakpoints: Sequence[list[float | str]], leverage: Float | None
 ) -> Iterator[list[Any]]:
     for at in np.ndindex(values.shape):
-        place = [float(points[i]) for points, i in zip(breakpoints, at, strict=True)]
+        place = [points[i] for points, i in zip(breakpoints, at, strict=True)]
         yield [
             name,
             *(place + [""] * (len(AXES) - len(place))),

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -10,21 +9,21 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.expansion import Expansion
 from kennfeld.surrogate.free_run import Settings, free_run_rmse, train_free_run
+from kennfeld.surrogate.horizons import HORIZONS, spans
 from kennfeld.surrogate.lags import Lags
 from kennfeld.surrogate.one_step import one_step_expansion
 from kennfeld.surrogate.recursion import Run, Runs
 
-__all__ = ["Choice", "Fold", "choose", "folds"]
+__all__ = ["MIDDLE", "Choice", "Fold", "choose", "folds"]
 
-LONGEST = (5.0, 3.0, 8.0)  # length scales are cut at so many spreads
-HOLDS = 10**0.5  # factor from one `hold` to the next
-FIRST, POWERS = 4, (-4, 8)
+LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
+MIDDLE = LONGEST[1]  # where none is chosen
+HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 BLOCKS = 6
 FEW = 3  # of them are left out in turn where there are more samples than are used
 SAMPLES = 3000  # used for choosing
 CENTRES = 60
-ITERATIONS = 6
-HORIZON = 500  # samples that training runs freely while something is being chosen
+ITERATIONS = 6  # at most, where there are more samples than are used
 SHORTEST = 20  # samples of a block beyond the lags
 
 
@@ -34,6 +33,7 @@ class Fold:
 
     training: Runs
     held_out: Runs
+    thinned: bool = False  # whether only a part of the recordings is used
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,16 @@ def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int =
     """
     blocks = list(_blocks(pieces, lags, count, samples))
     every = range(len(blocks))
-    if sum(len(piece) for piece in pieces) > samples:
+    thinned = sum(len(piece) for piece in pieces) > samples
+    if thinned:
         every = range(0, len(blocks), max(len(blocks) // FEW, 1))
     made = []
     for left_out in every:
         training = [block for i, block in enumerate(blocks) if i != left_out]
         if training:
-            made.append(Fold(Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags)))
+            made.append(
+                Fold(Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags), thinned)
+            )
     return made
 
 
@@ -78,21 +81,14 @@ def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iter
 
 
 def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Run]:
-    """Neighbouring blocks joined, then cut into runs of about `HORIZON` samples."""
+    """Neighbouring blocks joined, then cut into runs of the longest horizon."""
     joined: list[tuple[int, int, int]] = []
     for i, first, end in blocks:
         if joined and joined[-1][0] == i and joined[-1][2] == first:
             joined[-1] = (i, joined[-1][1], end)
         else:
             joined.append((i, first, end))
-    return [pieces[i].part(*span) for i, first, end in joined for span in _short(first, end, lags)]
-
-
-def _short(first: int, end: int, lags: Lags) -> Iterator[tuple[int, int]]:
-    """A stretch cut into shorter ones, which run side by side, so in less time; they share the lags at their ends."""
-    parts = max(round((end - first) / max(HORIZON, 5 * lags.longest)), 1)
-    edges = np.linspace(first, end, parts + 1).astype(int).tolist()
-    yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
+    return [pieces[i].part(*span) for i, first, end in joined for span in spans(first, end, lags, HORIZONS[-1])]
 
 
 def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:
@@ -112,36 +108,29 @@ def choose(
 
     `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
     """
-    best: Choice | None = None
-    for longest in LONGEST:
+    # As many steps as the training itself takes where that is affordable: to end early is to hold firmly, too.
+    most = ITERATIONS if divisions[0].thinned else settings.iterations
+    iterations = min(settings.iterations, most)
+    table = np.empty((len(LONGEST), len(HOLDS)))
+    for i, longest in enumerate(LONGEST):
         cut = np.minimum(lengths, longest)
         starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
-
-        @cache
-        def tried(
-            power: int, cut: Float = cut, starts: Sequence[Expansion] = starts, longest: float = longest
-        ) -> Choice:
-            trial = replace(settings, hold=HOLDS**power, iterations=ITERATIONS, moves_centres=False)
-            rmse = _held_out(divisions, starts, trial)
-            report(f"length scales up to {longest:g} spreads, hold {trial.hold:g}: {rmse:.4g} on the blocks left out")
-            return Choice(cut, replace(settings, hold=trial.hold), rmse)
-
-        power = FIRST if best is None else round(np.log(best.settings.hold) / np.log(HOLDS))
-        found = tried(_downhill(lambda at: tried(at).rmse, power, *POWERS))
-        best = found if best is None or found.rmse < best.rmse else best
-    assert best is not None
-    return best
+        for j, hold in enumerate(HOLDS):
+            trial = replace(settings, hold=hold, iterations=iterations, moves_centres=False)
+            table[i, j] = _held_out(divisions, starts, trial)
+            report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
+    i, j = _lowest(table)
+    return Choice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
 
 
-def _downhill(value: Callable[[int], float], at: int, least: int, most: int) -> int:
-    """The whole number, reached by single steps from `at`, whose neighbours are no better."""
-    for way in (-1, 1):
-        moved = False
-        while least <= at + way <= most and value(at + way) < value(at):
-            at, moved = at + way, True
-        if moved:
-            break
-    return at
+def _lowest(table: Float) -> tuple[int, int]:
+    """Where the table, smoothed along its rows, is lowest: a single low among high ones is luck."""
+    with np.errstate(divide="ignore"):
+        logarithm = np.minimum(np.log(table), 1e3)
+    wide = np.pad(logarithm, ((0, 0), (1, 1)), mode="edge")
+    smooth = (wide[:, :-2] + 2 * wide[:, 1:-1] + wide[:, 2:]) / 4
+    i, j = np.unravel_index(int(np.argmin(smooth)), smooth.shape)
+    return int(i), int(j)
 
 
 def _held_out(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:

@@ -24,6 +24,7 @@ __all__ = ["Settings", "free_run_rmse", "train_free_run"]
 BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
 PLANE = 1e-4  # how firmly the plane is held, in shares of `hold`
 MOST_DAMPING = 1e10
+PATIENCE = 2  # small gains in a row after which training ends
 WIDEST = 1.5  # a centre's width changes by at most exp of this
 
 
@@ -32,8 +33,8 @@ class Settings:
     """How training for free run is done.
 
     `hold` ties the expansion to where it began, or to its plane; 1 is about one standard deviation of the output.
-    `moves_centres` refines centres and widths as well. Training ends when a step lowers the cost by less than
-    `tolerance`, relatively, or after `iterations`.
+    `moves_centres` refines centres and widths as well. Training ends when two steps in a row lower the cost by
+    less than `tolerance`, relatively, or after `iterations`.
     """
 
     hold: float = 10.0
@@ -76,21 +77,29 @@ class _Values:
             centres, widths = centres + widths * moved, widths * np.exp(np.clip(wider, -WIDEST, WIDEST))
         return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
 
-    def direct(self, expansion: Expansion, x: Float) -> Float:
-        """df/dp at points Float[points, inputs], in units of height: Float[points, values]."""
+    def direct(self, expansion: Expansion, x: Float, own: int) -> tuple[Float, Float]:
+        """df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
         from scipy.linalg import solve_triangular
 
         plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
         if not self.moves_centres:
             near = bells(x, expansion.centres, self.lengths)
-            return np.concatenate([*plane, solve_triangular(self.root, near.T, lower=True).T], axis=1)
+            whitened = solve_triangular(self.root, near.T, lower=True).T
+            return np.concatenate([*plane, whitened], axis=1), _slopes(expansion, x, near, own)
         distance = (x[:, None, :] - expansion.centres) / expansion.widths
         near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
         steep = (near * (expansion.weights / self.height))[:, :, None] * distance
         columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
         columns.append((steep * distance).reshape(len(x), -1))
-        return np.concatenate(columns, axis=1)
+        return np.concatenate(columns, axis=1), _slopes(expansion, x, near, own)
+
+
+def _slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
+    """df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
+    pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
+    return expansion.slopes[:own] + pulled
 
 
 def train_free_run(
@@ -104,7 +113,7 @@ def train_free_run(
     values = _Values(start, runs, settings)
     at = values.first
     expansion, run, cost = _evaluate(values, at, runs, settings)
-    damping, count = 1e-2, int(runs.scored.sum())
+    damping, calm, count = 1e-2, 0, int(runs.scored.sum())
     for step in range(settings.iterations if np.isfinite(cost) else 0):
         matrix, gradient = _normal(values, expansion, run, runs)
         matrix.flat[:: at.size + 1] += values.hold
@@ -120,7 +129,8 @@ def train_free_run(
                 break
             damping *= 4
         report(step, values.height * float(np.sqrt(_misfit(run, runs, values) / count)))
-        if not before - cost > settings.tolerance * before:
+        calm = 0 if before - cost > settings.tolerance * before else calm + 1
+        if calm >= PATIENCE or damping >= MOST_DAMPING:
             break
     return expansion
 
@@ -157,12 +167,14 @@ def _normal(values: _Values, expansion: Expansion, run: FreeRun, runs: Runs) -> 
     rows = np.zeros((back, pieces, size))
     for first in range(0, steps, block):
         part = slice(first, min(first + block, steps))
-        direct = values.direct(expansion, visited[part].reshape(-1, expansion.inputs)).reshape(-1, pieces, size)
-        direct[run.held[part]] = 0.0
-        rows = np.concatenate([rows[-back:], direct])
-        for k, slopes in enumerate(run.slopes[part], back):
+        direct, slopes = values.direct(expansion, visited[part].reshape(-1, expansion.inputs), len(lags))
+        rows = np.concatenate([rows[-back:], direct.reshape(-1, pieces, size)])
+        rows[back:][run.held[part]] = 0.0
+        slopes = slopes.reshape(-1, pieces, len(lags), 1)
+        slopes[run.held[part]] = 0.0
+        for k, steep in enumerate(slopes, back):
             for i, lag in enumerate(lags):
-                rows[k] += slopes[:, i, None] * rows[k - lag]
+                rows[k] += steep[:, i] * rows[k - lag]
         counted = rows[back:][runs.scored[part]]
         matrix += counted.T @ counted
         gradient += counted.T @ residual[part][runs.scored[part]]

@@ -98,10 +98,9 @@ class Runs:
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """A free run: the output, its slope by each output lag, and where a limit held it."""
+    """A free run: the output, and where a limit held it."""
 
     y: Float  # Float[steps, pieces]
-    slopes: Float  # Float[steps, pieces, output lags]; 0 where a limit holds
     held: Bool  # Bool[steps, pieces]
 
 
@@ -115,7 +114,6 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
     steps, pieces = runs.target.shape
     past = np.empty((back + steps, pieces))
     past[:back] = runs.history
-    slopes = np.empty((steps, pieces, own))
     free = np.empty((steps, pieces))
     flat = expansion.offset + runs.inputs @ expansion.slopes[own:]
     centres, steep = expansion.centres[:, :own].T, 1 / expansion.widths[:, :own].T
@@ -133,11 +131,8 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
                 bells *= expansion.weights
                 free[k] = flat[k] + lagged @ plane + bells.sum(1)
                 past[k + back] = np.minimum(np.maximum(free[k], lower), upper)
-                distance *= steep
-                slopes[k] = plane - np.einsum("pim,pm->pi", distance, bells)
         held = (free < lower) | (free > upper)
-    slopes[held] = 0.0
-    return FreeRun(past[back:], slopes, held)
+    return FreeRun(past[back:], held)
 
 
 def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int, Float]]:

@@ -19,10 +19,10 @@ HOLD = (5, 100)  # samples that a random input is held at least and at most
 class Stability:
     """What was checked.
 
-    `bounded` of `runs` free runs, with constant and with random inputs of the training data and from its least, mean
-    and greatest output, stayed within the range of the training output widened by its own width to each side; `stable` is
-    the share of the samples of the training data at which the linearised recursion has its eigenvalues within the unit
-    circle; `largest` is the greatest absolute eigenvalue met.
+    `bounded` of `runs` free runs stayed within the range of the training output, widened by its own width to each side:
+    with constant and with random inputs of the training data, from its least, mean and greatest output. `stable` is the
+    share of the training samples at which the linearised recursion has its eigenvalues within the unit circle,
+    `largest` the greatest absolute eigenvalue met.
     """
 
     bounded: int

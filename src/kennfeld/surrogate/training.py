@@ -9,9 +9,10 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.surrogate.choosing import Choice, choose, folds
+from kennfeld.surrogate.choosing import MIDDLE, Choice, choose, folds
 from kennfeld.surrogate.expand import expand_data
-from kennfeld.surrogate.free_run import Settings, train_free_run
+from kennfeld.surrogate.free_run import Settings
+from kennfeld.surrogate.horizons import train_over_horizons
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.lags import Lags
@@ -61,7 +62,7 @@ class SurrogateSettings:
     free_run: bool = True
     moves_centres: bool = False
     hold: float | None = None
-    iterations: int = 15
+    iterations: int = 10
 
     def __post_init__(self) -> None:
         self._check_choices()
@@ -154,7 +155,12 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     pieces = {id(one): runs_of(one, settings.inputs, settings.output, step) for one in datasets}
     training = [run for one in datasets if one.use == "training" for run in pieces[id(one)]]
     if not training:
-        raise InputError.of("", "the training data have no piece without gaps", "Raise max_gap, or give other files.")
+        raise InputError.of(
+            "",
+            "the training data have no piece without gaps that is long enough",
+            "Raise max_gap, or give other files.",
+        )
+    _check_changing(training, settings)
     lags = _lags(training, settings, report)
     runs = Runs.of(training, lags)
     lengths = one_step_lengths(runs, settings.centres, settings.limits, settings.starts, settings.seed)
@@ -162,8 +168,12 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     start = one_step_expansion(runs, choice.lengths, settings.centres, settings.limits, settings.seed)
     expansion = start
     if settings.free_run:
-        expansion = train_free_run(
-            start, runs, choice.settings, lambda k, rmse: report(f"free run, step {k + 1}: RMSE {rmse:.4g}")
+        expansion = train_over_horizons(
+            start,
+            training,
+            lags,
+            choice.settings,
+            lambda horizon, k, rmse: report(f"free run over {horizon} samples, step {k + 1}: RMSE {rmse:.4g}"),
         )
     made = DynamicSurrogate(
         settings.name,
@@ -184,6 +194,19 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     return replace(made, quality=tuple(lines))
 
 
+def _check_changing(training: Sequence[Run], settings: SurrogateSettings) -> None:
+    table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
+    findings = [
+        Finding(
+            f"channel {name}", f"is {column[0]:g} in all training data", "Nothing can be learnt from it; leave it out."
+        )
+        for name, column in zip((*settings.inputs, settings.output), table.T, strict=True)
+        if np.ptp(column) == 0
+    ]
+    if findings:
+        raise InputError(findings)
+
+
 def _lags(training: Sequence[Run], settings: SurrogateSettings, report: Report) -> Lags:
     own = None if settings.output_lags == "auto" else settings.output_lags
     given = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
@@ -200,7 +223,7 @@ def _choice(training: Sequence[Run], lags: Lags, lengths: Float, settings: Surro
     """How smooth and how firmly held; as given, or where one step is all that is asked for, without a search."""
     asked = Settings(limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations)
     if settings.hold is not None:
-        return Choice(lengths, replace(asked, hold=settings.hold), np.nan)
+        return Choice(np.minimum(lengths, MIDDLE), replace(asked, hold=settings.hold), np.nan)
     divisions = folds(training, lags) if settings.free_run else []
     return choose(divisions, lengths, settings.centres, asked, report) if divisions else Choice(lengths, asked, np.nan)
 

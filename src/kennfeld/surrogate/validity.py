@@ -11,7 +11,7 @@ from kennfeld.surrogate.kernel import bells
 
 __all__ = ["Validity"]
 
-THRESHOLD = 0.5  # share of the prior deviation
+THRESHOLD = 0.2  # share of the prior deviation
 MARGIN = 1.25
 NUGGET = 1e-3
 CENTRES = 200
@@ -55,16 +55,20 @@ class Validity:
     def around(cls, x: Float, lengths: Float, seed: int = 0) -> "Validity":
         """The range of training points Float[points, inputs].
 
-        An input counts by its length scale, at most by its spread: a model that does not need an input still knows
-        nothing of it where it never was.
+        An input counts by its length scale, within one octave below its spread times sqrt(inputs / 2): a model that
+        does not need an input still knows nothing of it where it never was.
         """
-        lengths = np.minimum(lengths, x.std(0))
+        # Points lie apart by the root of the number of inputs: with short lengths in many inputs, each would be alone.
+        reach = np.sqrt(x.shape[1] / 2) * x.std(0)
+        lengths = np.clip(lengths, 0.5 * reach, reach)
         few = x
         if len(x) > CANDIDATES:
             few = x[np.random.default_rng(seed).choice(len(x), CANDIDATES, replace=False)]
-        made = cls(few[greedy(few, CENTRES, lengths, COVERED)], lengths, 1.0, x.min(0), x.max(0))
-        farthest = float(np.quantile(made.distance(x), 0.999))
-        threshold = min(max(THRESHOLD, MARGIN * farthest), 1 - 1e-6)
+        chosen = greedy(few, CENTRES, lengths, COVERED)
+        made = cls(few[chosen], lengths, 1.0, x.min(0), x.max(0))
+        # A point that is a centre itself is near to it for sure: of few points, each is measured without itself.
+        measured = made.distance(x) if 2 * chosen.size < len(x) else made._left_out()
+        threshold = min(max(THRESHOLD, MARGIN * float(np.quantile(measured, 0.999))), 1 - 1e-6)
         return cls(made.centres, lengths, threshold, made.least, made.most)
 
     def distance(self, x: Float) -> Float:
@@ -81,6 +85,12 @@ class Validity:
             explained = solve_triangular(self._root, near.T, lower=True)
             measure[part] = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0), 0.0))
         return measure.reshape(given.shape[:-1])
+
+    def _left_out(self) -> Float:
+        """The measure at each centre, by the others."""
+        inverse = np.linalg.inv(self._root @ self._root.T)
+        share: Float = np.sqrt(np.clip(1 / np.diag(inverse) - NUGGET, 0.0, 1.0))
+        return share
 
     def outside(self, x: Float) -> Bool:
         """Whether points Float[..., inputs] are too far from the training data; a missing value is."""

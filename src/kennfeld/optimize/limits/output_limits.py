@@ -267,7 +267,7 @@ class OutputLimits:
         for target in self._targets.values():
             target[:] = np.nan
         for i, d, s in zip(side, data, sample, strict=True):  # a scale above the target, the loss is the square
-            self._targets[self._sides[i].node, self._bounds[d].dataset.name][s] = self._sides[i].bound - self._scales[i]
+            self._targets[self._sides[i].node, id(self._bounds[d].dataset)][s] = self._sides[i].bound - self._scales[i]
         self._penalised.reread_targets()
         alone = self._penalised.reweighted(np.repeat([0.0, 1.0], [known, len(self._sides)]))
         full = self._penalised.start.copy()

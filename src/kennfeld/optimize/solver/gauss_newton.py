@@ -346,7 +346,10 @@ class _Descending:
     def _accept(self, line: _Linearised, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
         held_back = self.damping > 1.0 and ratio > self.settings.trusted
-        self.calm = self.calm + 1 if relative < self.settings.tolerance and not held_back else 0
+        if relative >= self.settings.tolerance:
+            self.calm = 0
+        elif not held_back:
+            self.calm += 1
         size = line.length(trial[line.movable] - self.at[line.movable]) / max(np.sqrt(cost), 1e-300)
         self.at, self.cost, self.active = trial, cost, solution.active
         self.iterations += 1

@@ -40,9 +40,10 @@ def shapes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> 
     places = _places(graph)
     found = []
     fed = _fed(graph)
-    for name in held:
+    tables = [name for name in held if parameters[name].kind != "rbf"]  # an expansion is no table
+    for name in tables:
         found += _own(parameters[name], held[name], fed.get(name, []))
-        for other in held:
+        for other in tables:
             if other != name and places.get(name) and places.get(name) == places.get(other):
                 change = _resampled(parameters[other], parameters[name].index_axes)
                 if np.ptp(change) > FLAT * np.abs(change).max():

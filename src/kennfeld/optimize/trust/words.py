@@ -11,6 +11,7 @@ from kennfeld.graph import Graph
 from kennfeld.optimize.trust.search import Weak
 from kennfeld.optimize.trust.shapes import Shape
 from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.rbf import RBF
 
 __all__ = ["Describer", "Direction"]
 
@@ -217,7 +218,10 @@ class Describer:
         return f"Pin a value of {name} that you know, e.g. at {self._place(name, at).strip('()')} to {value:.4g}."
 
     def _place(self, name: str, at: Iterable[Any]) -> str:
-        """The coordinates of a grid point; empty for a scalar."""
+        """The coordinates of a grid point; empty for a scalar. A number of an expansion has a name."""
+        parameter = self._parameters[name]
+        if isinstance(parameter, RBF):
+            return parameter.value_name(int(next(iter(at))))
         values = [f"{axis.breakpoints[i]:.6g}" for axis, i in zip(self._parameters[name].index_axes, at, strict=True)]
         if len(values) == 1:
             return values[0]
@@ -228,6 +232,8 @@ class Describer:
         if all(name in self._free_axes for name in names):
             return "Give the axis fewer breakpoints, or fix them."
         named = [name for name in names if name not in self._free_axes]
+        if all(self._parameters[name].kind == "rbf" for name in named):
+            return f"Record more samples, or give {_listed(named)} fewer centres."
         tables = [name for name in named if max(self._parameters[name].values.shape, default=0) > 2]
         smoother = f"give {_listed(tables, 'or')} more smoothness" if tables else "lock one of them"
         axes = [name for name in names if name in self._free_axes]

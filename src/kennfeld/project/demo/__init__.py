@@ -1,5 +1,5 @@
 """Ready projects with their data, for a first look."""
 
-from kennfeld.project.demo.writing import NAMES, noise, write
+from kennfeld.project.demo.writing import NAMES, closing, prepare, projects, write
 
-__all__ = ["NAMES", "noise", "write"]
+__all__ = ["NAMES", "closing", "prepare", "projects", "write"]

@@ -4,6 +4,9 @@ P. R. Crossley, J. A. Cook: A nonlinear engine model for drivetrain system devel
 with the values of the Modelica Standard Library (Modelica.Clocked.Examples.Systems.EngineThrottleControl, BSD-3).
 """
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
 from kennfeld.arrays import Float
@@ -18,23 +21,29 @@ AIR_FUEL_RATIO = 14.6
 INERTIA = 0.14  # kg m2
 MANIFOLD = 0.41328  # bar/g
 SLOWEST = 1.0  # rad/s; below, the engine has stalled
+RPM = 30 / math.pi
 
 
-def simulate_engine(throttle: Float, load: Float, step: float, fine: float = 5e-4) -> Float:
+Throttle = Callable[[int, float], float]  # its angle from the number of a sample and the speed there in rpm
+
+
+def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: float = 5e-4) -> Float:
     """Engine speed in rpm at each sample, Float[samples].
 
-    `throttle` in degrees and `load` in Nm, each Float[samples], are held over a `step` in s. The manifold and the crank
-    are integrated by Euler steps of about `fine` s; the charge drawn in over 180 degrees of crank acts 180
-    degrees later. An engine that stalls stays at 1 rad/s.
+    `throttle` in degrees, which a governor may find, and `load` in Nm, Float[samples], are held over a `step` in s. The
+    manifold and the crank are integrated by Euler steps of about `fine` s; the charge drawn in over 180 degrees of
+    crank acts 180 degrees later. An engine that stalls stays at 1 rad/s.
     """
+    governor = throttle if callable(throttle) else _recorded(throttle)
     inner = max(round(step / fine), 1)
     dt = step / inner
     speed, pressure = START_SPEED, START_PRESSURE
     charge = collected = START_CHARGE
     drawn, angle = 0.0, 0.0
-    made = np.empty(len(throttle))
-    for k, (angle_of_plate, brake) in enumerate(zip(throttle.tolist(), load.tolist(), strict=True)):
-        made[k] = speed
+    made = np.empty(len(load))
+    for k, brake in enumerate(load.tolist()):
+        made[k] = speed * RPM
+        angle_of_plate = governor(k, made[k])
         opened = 2.821 - 0.05231 * angle_of_plate + 0.10299 * angle_of_plate**2 - 0.00063 * angle_of_plate**3
         for _ in range(inner):
             out = _pumped(speed, pressure)
@@ -46,14 +55,19 @@ def simulate_engine(throttle: Float, load: Float, step: float, fine: float = 5e-
             if angle >= np.pi:
                 angle -= np.pi
                 charge, collected, drawn = collected, drawn, 0.0
-    return made * (30 / np.pi)
+    return made
+
+
+def _recorded(throttle: Float) -> Throttle:
+    angles = throttle.tolist()
+    return lambda k, speed: float(angles[k])
 
 
 def _sucked(pressure: float) -> float:
     """How much of the flow at critical pressure passes the throttle; 1 bar ahead of it."""
     if pressure <= 0.5:
         return 1.0
-    return float(2 * np.sqrt(max(pressure - pressure**2, 0.0)))
+    return 2 * math.sqrt(max(pressure - pressure**2, 0.0))
 
 
 def _pumped(speed: float, pressure: float) -> float:

@@ -1,6 +1,7 @@
 """Puts a demo project into a folder."""
 
 import os
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,9 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, nearest
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["NAMES", "noise", "write"]
+__all__ = ["NAMES", "closing", "prepare", "projects", "write"]
 
-NAMES = ("torque", "exhaust")  # each a module beside this one, with its project file
+NAMES = ("torque", "exhaust", "idle")  # each a module beside this one, with its project file
 PROJECT = "kennfeld.toml"
 
 
@@ -37,16 +38,31 @@ def write(name: str, folder: str | Path) -> Path:
     return target / PROJECT
 
 
-def noise(name: str) -> str:
-    """The standard deviation of the noise in the data of a demo, with its unit."""
+def projects(name: str) -> tuple[tuple[str, str], ...]:
+    """The project files of a demo in their order, each with the folder of its results."""
+    return tuple(getattr(_module(name), "PROJECTS", ((PROJECT, "results"),)))
+
+
+def prepare(name: str, folder: Path, report: Callable[[str], None]) -> None:
+    """What has to be made before the first project can run; `report` hears of it."""
+    make = getattr(_module(name), "prepare", None)
+    if make is not None:
+        make(folder, report)
+
+
+def closing(name: str, folder: Path) -> list[list[str]]:
+    """A table of what the truth behind the data says of the results; of one cell, where a sentence does."""
     demo = _module(name)
-    return f"{demo.NOISE} {demo.UNIT}"
+    if hasattr(demo, "closing"):
+        return list(demo.closing(folder))
+    return [[f"The sensor's noise is {demo.NOISE} {demo.UNIT}: on points it never saw, no model can come below that."]]
 
 
 def _module(name: str) -> Any:
-    """What a demo is made of: `NOISE`, `UNIT`, and `FILES`, which says for each file what makes its content.
+    """What a demo is made of: `FILES` says for each file what makes its content, a text, a dataset or a parameter set.
 
-    A content is a text, a dataset or a parameter set.
+    `NOISE` and `UNIT` are those of its sensor. A demo of several projects has `PROJECTS`, and may `prepare` something
+    for them and have a `closing` of its own.
     """
     return import_module(f"kennfeld.project.demo.{name}")
 
