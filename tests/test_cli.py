@@ -52,7 +52,7 @@ class TestHelp:
         assert cli.run(["--help"]) == 0
         commands = capsys.readouterr().out.partition("Commands:")[2].split("\n")
         names = [line.split()[0] for line in commands if line.strip()]
-        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert"]
+        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "surrogate"]
 
     def test_is_what_a_bare_call_shows(self, capsys):
         assert cli.run([]) == 0
@@ -62,7 +62,9 @@ class TestHelp:
         assert cli.run(["--version"]) == 0
         assert capsys.readouterr().out == "kennfeld 0.1.0\n"
 
-    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert"])
+    @pytest.mark.parametrize(
+        "command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "surrogate"]
+    )
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
         assert done.exit_code == 0
@@ -78,7 +80,7 @@ class TestWrongUse:
             (["calibrate", "--worker", "3", "x"], "No such option: --worker"),
             (["calibrate", "--workers", "0", "x"], "Invalid value for '--workers'"),
             (["info", "a", "b"], "See kennfeld info --help."),
-            (["demo", "exhaust"], "demo: there is no demo exhaust. The demos are: torque."),
+            (["demo", "boost"], "demo: there is no demo boost. The demos are: torque, exhaust, idle."),
             (["check", "nowhere/kennfeld.toml"], "there is no such project file. Check the path."),
             (["info", "nowhere.csv"], "nowhere.csv: there is no such file. Check the path."),
             (["convert", "nowhere.dcm", "x.json"], "nowhere.dcm: there is no such file"),

@@ -5,11 +5,11 @@ from surrogates import tank_recording
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
-from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.choosing import _lowest
 from kennfeld.surrogate.free_run import Settings
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.recordings import runs_of
+from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
 
 def bench(name, seed, use="training", samples=120):

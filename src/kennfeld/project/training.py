@@ -10,7 +10,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.project.calculated import read_calculated
 from kennfeld.project.loading import Wanted, load
 from kennfeld.project.schema import CalibrationEntry, ModelEntry, OptimizerEntry, ProjectFile
-from kennfeld.project.section import Section, finite
+from kennfeld.project.section import Section
 from kennfeld.project.sections import read_datasets
 from kennfeld.project.toml import read_toml
 from kennfeld.surrogate import Surrogate
@@ -128,11 +128,15 @@ def _whole_numbers(section: Section, key: str) -> Any:
 
 
 def _limits(section: Section) -> tuple[float, float] | None:
+    """Two numbers, either of which may be infinite."""
     value = section.get("limits")
     if value is None:
         return None
-    ends = [finite(end) for end in value] if isinstance(value, list) else []
-    if len(ends) != 2 or ends[0] is None or ends[1] is None or not ends[0] < ends[1]:
-        section.report("limits", f"{value!r} is no pair of a lower and a higher number", "Write limits = [0, 6000].")
-        return None
-    return ends[0], ends[1]
+    if isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and value[0] < value[1]:
+        return float(value[0]), float(value[1])
+    section.report("limits", f"{value!r} is no pair of a lower and a higher number", "Write limits = [0, inf].")
+    return None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
