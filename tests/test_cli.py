@@ -62,7 +62,9 @@ class TestHelp:
         assert cli.run(["--version"]) == 0
         assert capsys.readouterr().out == "kennfeld 0.1.0\n"
 
-    @pytest.mark.parametrize("command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert"])
+    @pytest.mark.parametrize(
+        "command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "surrogate"]
+    )
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
         assert done.exit_code == 0
@@ -78,7 +80,7 @@ class TestWrongUse:
             (["calibrate", "--worker", "3", "x"], "No such option: --worker"),
             (["calibrate", "--workers", "0", "x"], "Invalid value for '--workers'"),
             (["info", "a", "b"], "See kennfeld info --help."),
-            (["demo", "exhaust"], "demo: there is no demo exhaust. The demos are: torque."),
+            (["demo", "boost"], "demo: there is no demo boost. The demos are: torque, exhaust, idle."),
             (["check", "nowhere/kennfeld.toml"], "there is no such project file. Check the path."),
             (["info", "nowhere.csv"], "nowhere.csv: there is no such file. Check the path."),
             (["convert", "nowhere.dcm", "x.json"], "nowhere.dcm: there is no such file"),

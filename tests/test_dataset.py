@@ -186,3 +186,9 @@ def test_recordings_with_and_without_time_do_not_join():
 def test_no_recording_makes_no_dataset():
     with pytest.raises(ArgumentError, match="dataset all needs at least one recording"):
         concatenate("all", [])
+
+
+@pytest.mark.parametrize("warmup", [-1.0, float("nan"), float("inf")])
+def test_a_warmup_is_a_number_of_seconds(warmup):
+    with pytest.raises(ArgumentError, match="warmup"):
+        Dataset.of("d", {"u": [1.0]}, time=[0.0], warmup=warmup)

@@ -1,5 +1,6 @@
-"""Steady points of a real engine: the errors on held-out points that others reach, or better."""
+"""Real engines: the errors on points and recordings held out that others reach, or better."""
 
+import shutil
 from functools import cache
 from pathlib import Path
 
@@ -133,3 +134,25 @@ def test_free_breakpoints_meet_held_out_fuel_consumption_better_than_even_ones()
         errors.append((free_error, even_error))
     mean_free, mean_even = np.mean(errors, axis=0)
     assert mean_free < 0.98 * mean_even
+
+
+RECORDINGS = FILE.parents[1] / "engine_transient"
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "engine-transient"
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason=f"the recordings of the engine are not at {RECORDINGS}")
+@pytest.mark.parametrize(
+    ("name", "errors"), [("paper", {"manifold": 0.182, "catalyst": 0.185}), ("manifold", {"manifold": 0.062})]
+)
+def test_the_example_meets_the_recording_that_it_never_saw_as_its_readme_says(name, errors, tmp_path):
+    folder = Path(shutil.copytree(EXAMPLE, tmp_path / "example", ignore=shutil.ignore_patterns("data", "results")))
+    (folder / "data").symlink_to(RECORDINGS)
+    project = kf.Project.read(folder / f"{name}.toml")
+    assert project.check() == []
+    result = project.calibrate()
+    assert result.converged
+    readme = (EXAMPLE / "README.md").read_text(encoding="utf-8")
+    for row in result.quality:
+        if row.use == "test":
+            assert row.rmse_after == pytest.approx(errors[row.criterion], rel=0.02)
+            assert f"{errors[row.criterion]:.3f}" in readme

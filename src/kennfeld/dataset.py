@@ -9,9 +9,11 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.errors import ArgumentError, nearest
 
-__all__ = ["Channel", "Dataset", "Settling", "Use", "concatenate"]
+__all__ = ["PAUSE", "Channel", "Dataset", "Settling", "Use", "concatenate"]
 
 Use = Literal["training", "test"]
+
+PAUSE = 20.0  # usual steps; what is longer is no step but a pause of the recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,9 @@ class Dataset(Mapping[str, Channel]):
     `time` is in seconds and increases within each piece; without it the samples are steady-state points.
     `starts` holds the first sample of each piece; a model's states start anew there.
     `scored` marks the samples that count; the others are simulated only.
-    `max_gap` is how long, in s, a gap of NaN in an input may be to be interpolated; longer ones end a piece.
+    `max_gap` is how long, in s, a gap of NaN in an input may be to be interpolated; longer ones end a piece. So does a
+    pause: a time step longer than that and than `PAUSE` usual ones.
+    `warmup` is how long, in s, each piece is simulated before it counts.
     `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
     `settling` says how a model with memory runs on steady-state points.
     Raises `ArgumentError` where lengths differ or time does not increase.
@@ -84,6 +88,7 @@ class Dataset(Mapping[str, Channel]):
     max_gap: float = 0.0
     weight_channel: str = ""
     settling: Settling | None = None
+    warmup: float = 0.0
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -98,6 +103,8 @@ class Dataset(Mapping[str, Channel]):
             raise ArgumentError(f"channels of dataset {self.name} differ in length: {sizes}")
         if not (self.weight >= 0 and np.isfinite(self.weight)):
             raise ArgumentError(f"weight={self.weight} of dataset {self.name} must be a number from 0 on")
+        if not (self.warmup >= 0 and np.isfinite(self.warmup)):
+            raise ArgumentError(f"warmup={self.warmup} of dataset {self.name} must be a number of seconds from 0 on")
         if self.use not in ("training", "test"):
             raise ArgumentError(f"use={self.use!r} of dataset {self.name} must be training or test")
         starts = np.array(self.starts, dtype=np.int64)

@@ -32,3 +32,23 @@ def test_samples_on_the_raster_come_out_bit_for_bit():
 
 def test_a_channel_without_values_stays_without():
     assert np.isnan(resample(np.arange(3.0), np.full(3, np.nan), np.arange(3.0))).all()
+
+
+def test_nothing_is_made_up_where_a_recording_paused():
+    time = np.concatenate([np.arange(10) / 10, 60 + np.arange(10) / 10])
+    even = grid(time, 0.1)
+    found = resample(time, np.arange(20) + 0.5, even)
+    assert np.array_equal(np.isnan(found), (even > 0.95) & (even < 59.95))
+    assert found[:10].tolist() == (np.arange(10) + 0.5).tolist()
+
+
+def test_steps_of_a_few_times_the_usual_one_are_bridged():
+    time = np.array([0.0, 0.1, 0.2, 0.3, 2.0, 2.1])
+    assert not np.isnan(resample(time, time**2 + 0.1, grid(time, 0.1))).any()
+
+
+def test_a_slow_channel_among_fast_ones_is_bridged():
+    time = np.arange(1000) / 100
+    slow = np.where(np.arange(1000) % 100 == 0, np.sin(time) + 0.1, np.nan)
+    found = resample(time, slow, time)
+    assert not np.isnan(found[:901]).any()

@@ -9,7 +9,7 @@ from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
 from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
-from kennfeld.optimize.solver.threads import blas_threads
+from kennfeld.threads import blas_threads
 
 
 def repeated(problem, truth, noise, count, seed=0):

@@ -154,3 +154,42 @@ def test_only_the_clock_that_is_read_is_made():
     data = Dataset.of("d", columns(np.arange(4.0)), time=np.arange(4.0))
     assert bind(data, formula("y = u * t").graph, {}).clock.keys() == {"t"}
     assert bind(data, LAG, {}).clock.keys() == {"dt"}
+
+
+def test_a_pause_of_the_recording_starts_a_new_piece():
+    time = np.array([0.0, 0.1, 0.2, 0.3, 9.0, 9.1, 9.2])
+    bound = bind(Dataset.of("d", columns(range(7)), time=time), TIMED, {})
+    assert bound.starts.tolist() == [0, 4]
+    assert bound.columns["dt"] == pytest.approx([0.1] * 7)
+    assert bound.columns["t"] == pytest.approx([0, 0.1, 0.2, 0.3, 0, 0.1, 0.2])
+
+
+def test_a_pause_as_long_as_an_allowed_gap_is_a_step():
+    time = np.array([0.0, 0.1, 0.2, 0.3, 9.0, 9.1, 9.2])
+    bound = bind(Dataset.of("d", columns(range(7)), time=time, max_gap=10.0), TIMED, {})
+    assert bound.starts.tolist() == [0]
+    assert bound.columns["dt"][4] == pytest.approx(8.7)
+
+
+def test_uneven_steps_are_no_pauses():
+    time = np.cumsum(np.tile([0.05, 0.2, 0.1, 0.9], 5))
+    assert bind(Dataset.of("d", columns(range(20)), time=time), TIMED, {}).starts.tolist() == [0]
+
+
+def test_the_time_between_two_recordings_is_no_step():
+    time = np.concatenate([np.arange(5) / 10, 500 + np.arange(5) / 10])
+    bound = bind(Dataset.of("d", columns(range(10)), time=time, starts=[0, 5], max_gap=1000.0), TIMED, {})
+    assert bound.starts.tolist() == [0, 5]
+
+
+def test_the_warmup_begins_anew_after_every_gap():
+    time = np.arange(10) / 10
+    data = Dataset.of("d", columns([0, 1, 2, 3, NAN, 5, 6, 7, 8, 9]), time=time, warmup=0.2)
+    bound = bind(data, LAG, {})
+    assert bound.kept[bound.scored].tolist() == [2, 3, 7, 8, 9]
+
+
+def test_the_warmup_adds_to_what_is_not_scored():
+    scored = np.array([True, True, True, False, True])
+    data = Dataset.of("d", columns(range(5)), time=np.arange(5.0), warmup=2.0, scored=scored)
+    assert np.flatnonzero(bind(data, LAG, {}).scored).tolist() == [2, 4]

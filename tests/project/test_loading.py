@@ -300,3 +300,9 @@ def test_inputs_that_are_never_known_together_are_a_finding(shop):
     nan = np.nan
     shop.bench("bench.csv", **{"n [rpm]": [1e3, 2e3, 3e3, nan, nan, nan], "Load": [nan, nan, nan, 1, 2, 3]})
     assert "no sample of dataset bench has all inputs: n is missing in 50%, Load is missing in 50%" in shop.error()
+
+
+def test_the_warmup_is_known_to_the_dataset_so_that_gaps_have_one_too(shop):
+    timed(shop)
+    shop.change('"bench.csv"]', '"bench.csv"]\nwarmup = 0.2\nmax_gap = 0.5')
+    assert (dataset(shop).warmup, dataset(shop).max_gap) == (0.2, 0.5)

@@ -5,11 +5,11 @@ from surrogates import tank_recording
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
-from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.choosing import _lowest
 from kennfeld.surrogate.free_run import Settings
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.recordings import runs_of
+from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
 
 def bench(name, seed, use="training", samples=120):
@@ -68,7 +68,7 @@ def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
     assert found["b", "free run"].rmse < 0.02
     assert found["b", "one step"].samples == 399
     assert "All 48 free runs" in made.stability
-    assert any("free run, step 1" in line for line in told)
+    assert any("free run over 30 samples, step 1" in line for line in told)
     u, level = data[1]["u"].values[:, None], data[1]["level"].values
     assert made.outside(u, level).mean() < 0.1
     assert made.outside(u + 40, level).all()

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
+from kennfeld.dataset import PAUSE
 
 __all__ = ["grid", "is_stepped", "resample", "samples_on"]
 
@@ -43,6 +44,8 @@ def is_stepped(values: Float) -> bool:
 def resample(time: Float, values: Float, at: Float) -> Float:
     """The channel at other times: linear between valid samples, held where it is stepped, NaN outside them.
 
+    Where it pauses, for more than `PAUSE` of its usual steps, what is not stepped is NaN: nothing is known there.
+
     >>> resample(np.array([0.0, 1.0]), np.array([0.0, 5.0]), np.array([0.5, 2.0]))
     array([2.5, nan])
     """
@@ -52,10 +55,21 @@ def resample(time: Float, values: Float, at: Float) -> Float:
     stamps, known = time[valid], values[valid]
     exact = _snapped(stamps, at)
     if not is_stepped(known):
-        return np.interp(exact, stamps, known, left=np.nan, right=np.nan)
+        found = np.interp(exact, stamps, known, left=np.nan, right=np.nan)
+        return np.where(_in_pause(stamps, exact), np.nan, found)
     before = np.searchsorted(stamps, exact, side="right") - 1
     inside = (before >= 0) & (exact <= stamps[-1])
     return np.where(inside, known[np.maximum(before, 0)], np.nan)
+
+
+def _in_pause(stamps: Float, at: Float) -> Bool:
+    """Whether the points lie between two stamps that are a pause apart."""
+    steps = np.diff(stamps)
+    if not steps.size or steps.max() <= PAUSE * np.median(steps):
+        return np.zeros(at.shape, dtype=bool)
+    after = np.clip(np.searchsorted(stamps, at), 1, stamps.size - 1)
+    inside: Bool = (steps[after - 1] > PAUSE * np.median(steps)) & (at > stamps[after - 1]) & (at < stamps[after])
+    return inside
 
 
 def _snapped(stamps: Float, at: Float) -> Float:

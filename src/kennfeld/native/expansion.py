@@ -3,7 +3,7 @@
 Eight centres are worked on at once. The functions know the number of inputs, not the model, and are compiled once each.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
 from functools import cache
 
 from kennfeld.native.engine import Shared
@@ -14,7 +14,7 @@ __all__ = ["evaluation", "value_slopes"]
 
 FARTHEST = 1e3  # widths from a centre, as in `kennfeld.expansion`
 LEAST = -700.0  # the exponent where a bell counts as gone
-MASK = f"<{LANES} x i1>"
+ALL = f"<{', '.join(['i1 true'] * LANES)}>"
 PARAMETERS = (
     ("ptr", "values"),  # double[...], offset, slopes, weights, centres, widths; see `kennfeld.rbf`
     ("i64", "centres"),
@@ -38,127 +38,103 @@ def value_slopes(inputs: int) -> Shared:
     return Shared("bells", lambda: _value_slopes(inputs).text())
 
 
-class _Tables:
-    """Where the parts of the values begin, and the coordinates."""
-
-    def __init__(self, f: Function, inputs: int) -> None:
-        self.f = f
-        self.x = [f.load("%x", d) for d in range(inputs)]
-        self.spread = [f.splat(x) for x in self.x]
-        self.weights = 1 + inputs
-        self.centres = [f.add(f.mul("%centres", 1 + d), self.weights) for d in range(inputs)]
-        self.widths = [f.add(f.mul("%centres", 1 + inputs + d), self.weights) for d in range(inputs)]
-
-
-Eight = Callable[[str | int], str]  # the eight numbers of the values that begin at an index
-
-
-def _each_eight(f: Function, body: Callable[[str, str], None]) -> None:
-    """Run `body(first, mask)` for eight centres after the other; the mask of the last ones tells which there are."""
-    whole = f.new(f"and i64 %centres, -{LANES}")
-    every = f"<{', '.join(['i1 true'] * LANES)}>"
-    with f.walk(whole) as (first, position):
-        body(first, every)
-        f.store(f.add(first, LANES), position, kind="i64")
-    rest = f.new(f"sub i64 %centres, {whole}")
-    with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
-        lanes = f"<{', '.join(f'i64 {lane}' for lane in range(LANES))}>"
-        counts = f.new(f"insertelement <{LANES} x i64> poison, i64 {rest}, i64 0")
-        spread = f.new(
-            f"shufflevector <{LANES} x i64> {counts}, <{LANES} x i64> poison, <{LANES} x i32> zeroinitializer"
-        )
-        body(whole, f.new(f"icmp slt <{LANES} x i64> {lanes}, {spread}"))
-
-
-def _load(f: Function, mask: str, base: str | int, first: str, missing: float) -> str:
-    """Eight numbers; `missing` where the mask has none."""
-    at = f.at("%values", f.add(first, base))
-    if "true" in mask:
-        return f.load(at, kind=EIGHT)
-    other = f"<{', '.join([f'double {literal(missing)}'] * LANES)}>"
-    return f.new(f"call {EIGHT} @llvm.masked.load.v8f64.p0(ptr {at}, i32 8, {MASK} {mask}, {EIGHT} {other})")
-
-
-def _store(f: Function, mask: str, value: str, base: str | int, first: str) -> None:
-    at = f.at("%out", f.add(first, base))
-    if "true" in mask:
-        f.store(value, at, kind=EIGHT)
-    else:
-        f.do(f"call void @llvm.masked.store.v8f64.p0({EIGHT} {value}, ptr {at}, i32 8, {MASK} {mask})")
-
-
-def _distance(f: Function, v: Vector, x: str, centre: str, width: str, reciprocal: bool) -> str:
-    """Distance from a centre in widths, of which a thousand are as far as any number."""
-    t = v("fmul" if reciprocal else "fdiv", v("fsub", x, centre), width)
-    near = f.new(f"call {EIGHT} @llvm.maxnum.v8f64({EIGHT} {t}, {EIGHT} {v.all(-FARTHEST)})")
-    return f.new(f"call {EIGHT} @llvm.minnum.v8f64({EIGHT} {near}, {EIGHT} {v.all(FARTHEST)})")
-
-
-def _bells(f: Function, v: Vector, distances: Sequence[str]) -> str:
-    square = v("fmul", distances[0], distances[0])
-    for distance in distances[1:]:
-        square = v("fadd", square, v("fmul", distance, distance))
-    exponent = v("fmul", square, v.all(-0.5))
-    return v.exp(f.new(f"call {EIGHT} @llvm.maxnum.v8f64({EIGHT} {exponent}, {EIGHT} {v.all(LEAST)})"))
-
-
 def _evaluation(inputs: int, reciprocal: bool) -> Function:
     f = Function("expand", PARAMETERS)
-    v, tables = Vector(f), _Tables(f, inputs)
-    sums = [f.slot(EIGHT) for _ in range(1 + inputs)]
+    v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
+    slopes = [f.load("%values", 1 + d) for d in range(inputs)]
+    starts = [f.sum([f.load("%values"), *(f.fmul(slope, at) for slope, at in zip(slopes, x, strict=True))]), *slopes]
+    sums = [f.slot(EIGHT) for _ in starts]
     for total in sums:
         f.store(v.all(0.0), total, kind=EIGHT)
-
-    def body(first: str, mask: str) -> None:
-        def eight(base: str | int, missing: float) -> str:
-            return _load(f, mask, base, first, missing)
-
-        widths = [eight(at, 1.0) for at in tables.widths]
-        distances = [
-            _distance(f, v, x, eight(at, 0.0), width, reciprocal)
-            for x, at, width in zip(tables.spread, tables.centres, widths, strict=True)
-        ]
-        weighted = v("fmul", eight(tables.weights, 0.0), _bells(f, v, distances))
-        f.store(v("fadd", f.load(sums[0], kind=EIGHT), weighted), sums[0], kind=EIGHT)
-        for total, distance, width in zip(sums[1:], distances, widths, strict=True):
-            along = v("fmul" if reciprocal else "fdiv", v("fmul", weighted, distance), width)
-            f.store(v("fsub", f.load(total, kind=EIGHT), along), total, kind=EIGHT)
-
-    _each_eight(f, body)
-    straight = f.sum([f.load("%values"), *(f.fmul(f.load("%values", 1 + d), x) for d, x in enumerate(tables.x))])
-    for at, (total, start) in enumerate(
-        zip(sums, [straight, *(f.load("%values", 1 + d) for d in range(inputs))], strict=True)
-    ):
+    for eight in _each_eight(f, x, reciprocal):
+        weighted = eight.weighted_bells
+        terms = [weighted, *(f.new(f"fneg {EIGHT} {along}") for along in eight.along(weighted))]
+        for total, term in zip(sums, terms, strict=True):
+            f.store(v("fadd", f.load(total, kind=EIGHT), term), total, kind=EIGHT)
+    for at, (total, start) in enumerate(zip(sums, starts, strict=True)):
         held = f.load(total, kind=EIGHT)
-        f.store(
-            f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {EIGHT} {held})"), "%out", at
-        )
+        summed = f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {EIGHT} {held})")
+        f.store(summed, "%out", at)
     return f
 
 
 def _value_slopes(inputs: int) -> Function:
     f = Function("bells", PARAMETERS)
-    v, tables = Vector(f), _Tables(f, inputs)
+    v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     f.store(literal(1.0), "%out")
-    for d, x in enumerate(tables.x):
-        f.store(x, "%out", 1 + d)
-
-    def body(first: str, mask: str) -> None:
-        def eight(base: str | int, missing: float) -> str:
-            return _load(f, mask, base, first, missing)
-
-        widths = [eight(at, 1.0) for at in tables.widths]
-        distances = [
-            _distance(f, v, x, eight(at, 0.0), width, False)
-            for x, at, width in zip(tables.spread, tables.centres, widths, strict=True)
-        ]
-        bells = _bells(f, v, distances)
-        _store(f, mask, bells, tables.weights, first)
-        weighted = v("fmul", eight(tables.weights, 0.0), bells)
-        for d in range(inputs):
-            along = v("fdiv", v("fmul", weighted, distances[d]), widths[d])
-            _store(f, mask, along, tables.centres[d], first)
-            _store(f, mask, v("fmul", along, distances[d]), tables.widths[d], first)
-
-    _each_eight(f, body)
+    for d, at in enumerate(x):
+        f.store(at, "%out", 1 + d)
+    for eight in _each_eight(f, x, reciprocal=False):
+        eight.store(eight.bells, eight.weights)
+        for d, along in enumerate(eight.along(eight.weighted_bells)):
+            eight.store(along, eight.centres[d])
+            eight.store(v("fmul", along, eight.distances[d]), eight.widths[d])
     return f
+
+
+def _each_eight(f: Function, x: list[str], reciprocal: bool) -> Iterator["_EightCentres"]:
+    """Emit the body for eight centres after the other, and once more for those left over."""
+    whole = f.new(f"and i64 %centres, -{LANES}")
+    with f.walk(whole) as (first, position):
+        yield _EightCentres(f, x, first, ALL, reciprocal)
+        f.store(f.add(first, LANES), position, kind="i64")
+    rest = f.new(f"sub i64 %centres, {whole}")
+    with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
+        kind = f"<{LANES} x i64>"
+        lanes = f"<{', '.join(f'i64 {lane}' for lane in range(LANES))}>"
+        single = f.new(f"insertelement {kind} poison, i64 {rest}, i64 0")
+        counts = f.new(f"shufflevector {kind} {single}, {kind} poison, <{LANES} x i32> zeroinitializer")
+        yield _EightCentres(f, x, whole, f.new(f"icmp slt {kind} {lanes}, {counts}"), reciprocal)
+
+
+class _EightCentres:
+    """The bells of eight centres at a point; lanes that the mask leaves out have weight 0."""
+
+    def __init__(self, f: Function, x: list[str], first: str, mask: str, reciprocal: bool) -> None:
+        self._f, self._v, self._first, self._mask = f, Vector(f), first, mask
+        self._divide = "fmul" if reciprocal else "fdiv"
+        inputs = len(x)
+        self.weights = str(1 + inputs)  # where their values begin
+        self.centres = [f.add(f.mul("%centres", 1 + d), self.weights) for d in range(inputs)]
+        self.widths = [f.add(f.mul("%centres", 1 + inputs + d), self.weights) for d in range(inputs)]
+        self._width = [self._load(at, 1.0) for at in self.widths]
+        self.distances = [self._distance(f.splat(at), d) for d, at in enumerate(x)]
+        self.bells = self._bells()
+        self.weighted_bells = self._v("fmul", self._load(self.weights, 0.0), self.bells)
+
+    def along(self, weighted: str) -> list[str]:
+        """What the centres' own slopes are, along each input."""
+        v = self._v
+        return [v(self._divide, v("fmul", weighted, t), w) for t, w in zip(self.distances, self._width, strict=True)]
+
+    def store(self, value: str, base: str) -> None:
+        """Write eight numbers of the output that begin at `base`."""
+        at = self._f.at("%out", self._f.add(self._first, base))
+        if self._mask == ALL:
+            self._f.store(value, at, kind=EIGHT)
+        else:
+            mask = f"<{LANES} x i1> {self._mask}"
+            self._f.do(f"call void @llvm.masked.store.v8f64.p0({EIGHT} {value}, ptr {at}, i32 8, {mask})")
+
+    def _load(self, base: str, missing: float) -> str:
+        at = self._f.at("%values", self._f.add(self._first, base))
+        if self._mask == ALL:
+            return self._f.load(at, kind=EIGHT)
+        mask = f"<{LANES} x i1> {self._mask}"
+        other = f"{EIGHT} {self._v.all(missing)}"
+        return self._f.new(f"call {EIGHT} @llvm.masked.load.v8f64.p0(ptr {at}, i32 8, {mask}, {other})")
+
+    def _distance(self, x: str, d: int) -> str:
+        """In widths, of which a thousand are as far as any number."""
+        v = self._v
+        t = v(self._divide, v("fsub", x, self._load(self.centres[d], 0.0)), self._width[d])
+        return self._extreme("minnum", self._extreme("maxnum", t, -FARTHEST), FARTHEST)
+
+    def _extreme(self, which: str, a: str, limit: float) -> str:
+        return self._f.new(f"call {EIGHT} @llvm.{which}.v8f64({EIGHT} {a}, {EIGHT} {self._v.all(limit)})")
+
+    def _bells(self) -> str:
+        v, square = self._v, self._v("fmul", self.distances[0], self.distances[0])
+        for t in self.distances[1:]:
+            square = v("fadd", square, v("fmul", t, t))
+        return v.exp(self._extreme("maxnum", v("fmul", square, v.all(-0.5)), LEAST))

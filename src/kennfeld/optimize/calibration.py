@@ -24,9 +24,9 @@ from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.search.step import Step
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.parameters import ParameterSet
+from kennfeld.threads import blas_threads
 
 __all__ = ["Options", "Progress", "Run", "run"]
 

@@ -10,6 +10,7 @@ from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
+from kennfeld.optimize.data.binding import NEAR
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
 from kennfeld.project.files import default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
@@ -203,7 +204,8 @@ class _Loading:
         joined = concatenate(name, whole) if len(whole) > 1 else whole[0]
         use, weight = self.entry.use, self.entry.weight
         sampled = self.entry.weight_channel
-        return replace(joined, name=name, use=use, weight=weight, max_gap=self.entry.max_gap, weight_channel=sampled)
+        joined = replace(joined, name=name, use=use, weight=weight, weight_channel=sampled)
+        return replace(joined, max_gap=self.entry.max_gap, warmup=self.entry.warmup)
 
     def _check_units(self, parts: Sequence[Dataset]) -> None:
         units: dict[str, str] = {}
@@ -273,7 +275,7 @@ class _Loading:
         if self.entry.warmup > 0 and dataset.time is not None:
             for piece in dataset.pieces:
                 time = dataset.time[piece]
-                scored[piece] &= time - time[0] >= self.entry.warmup
+                scored[piece] &= time - time[0] > self.entry.warmup - NEAR
             if not scored.any():
                 self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
         return dataset if scored.all() else replace(dataset, scored=scored)

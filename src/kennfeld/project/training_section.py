@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import ArgumentError, nearest
-from kennfeld.project.section import Section, finite
+from kennfeld.project.section import Section, numeric
 from kennfeld.surrogate.training import SurrogateSettings
 
 __all__ = ["read_settings"]
@@ -120,12 +120,13 @@ def _whole_numbers(section: Section, key: str, least: int) -> Any:
 
 
 def _limits(section: Section) -> tuple[float, float] | None:
+    """Two numbers, either of which may be infinite."""
     value = section.get("limits")
     if value is None:
         return None
-    ends = [finite(end) for end in value] if isinstance(value, list) else []
+    ends = [numeric(end) for end in value] if isinstance(value, list) else []
     if len(ends) != 2 or ends[0] is None or ends[1] is None or not ends[0] < ends[1]:
-        section.report("limits", f"{value!r} is no pair of a lower and a higher number", "Write limits = [0, 6000].")
+        section.report("limits", f"{value!r} is no pair of a lower and a higher number", "Write limits = [0, inf].")
         return None
     return ends[0], ends[1]
 

@@ -34,7 +34,7 @@ def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
 
 
 def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[float | str]]]:
-    """The values of a parameter, their unit, and its breakpoints; those of an axis are numbered, an expansion's named."""
+    """The values of a parameter, their unit, and its breakpoints: of an axis numbers, of an expansion names."""
     if name in parameters:
         table = parameters[name]
         if isinstance(table, RBF):

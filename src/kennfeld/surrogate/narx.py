@@ -22,8 +22,9 @@ class DynamicSurrogate:
     """y_k = min(max(f(x_k), lower), upper), x_k = [y_{k-l} for l of output_lags, u_{j,k-l} for each j and l of lags_j].
 
     `step` is in s. `start` is the output before the first sample, where none is measured; before the recording the
-    inputs are what they are at its first sample, or `start_inputs` where a closed loop has none yet. `limits` hold the output, and with it what is fed back: a saturation
-    that is part of the system. `units` are those of the inputs, then of the output. `stability` says in words what was
+    inputs are what they are at its first sample, or `start_inputs` where a closed loop has none yet. `limits` hold the
+    output, and with it what is fed back: a saturation that is part of the system. `units` are those of the inputs, then
+    of the output. `stability` says in words what was
     checked. Raises `ArgumentError` where names, lags and expansion do not fit each other.
     """
 

@@ -12,8 +12,8 @@ from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.surrogate.choosing import MIDDLE, Choice, choose, folds
 from kennfeld.surrogate.expand import expand_data
 from kennfeld.surrogate.free_run import Settings
-from kennfeld.surrogate.horizons import train_over_horizons
 from kennfeld.surrogate.gaussian_process import gaussian_process
+from kennfeld.surrogate.horizons import train_over_horizons
 from kennfeld.surrogate.lag_selection import select_lags
 from kennfeld.surrogate.lags import Lags
 from kennfeld.surrogate.narx import DynamicSurrogate
@@ -24,6 +24,7 @@ from kennfeld.surrogate.recursion import UNLIMITED, Run, Runs
 from kennfeld.surrogate.stability import check_stability
 from kennfeld.surrogate.static import StaticSurrogate
 from kennfeld.surrogate.validity import Validity
+from kennfeld.threads import blas_threads
 
 __all__ = ["SurrogateSettings", "train_surrogate"]
 
@@ -112,7 +113,10 @@ def train_surrogate(
         findings.append(Finding("", "no dataset is for training", 'Give one use = "training".'))
     if findings:
         raise InputError(findings)
-    return _dynamic(datasets, settings, report) if settings.kind == "dynamic" else _static(datasets, settings)
+    import scipy.linalg  # noqa: F401  # its BLAS has threads of its own, which can be limited once it is there
+
+    with blas_threads(settings.centres):
+        return _dynamic(datasets, settings, report) if settings.kind == "dynamic" else _static(datasets, settings)
 
 
 def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, Seconds, StartResult
 from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton
-from kennfeld.optimize.solver.threads import blas_threads
+from kennfeld.threads import blas_threads
 
 __all__ = ["choice_of", "decided", "with_choice"]
 

@@ -7,12 +7,14 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Dataset
+from kennfeld.dataset import PAUSE, Dataset
 from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.optimize.data.settling import AVERAGING, Hold, hold_of, is_settled, not_held
 
 __all__ = ["Bound", "bind"]
+
+NEAR = 1e-6  # s; time stamps are no closer
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,8 @@ def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: floa
     scored = np.broadcast_to(np.True_, dataset.samples) if dataset.scored is None else dataset.scored
     clock = {} if dataset.time is None else _clock(dataset.time[kept], starts, clocks)
     counts = scored[kept]
+    if dataset.warmup > 0 and dataset.time is not None:
+        counts = counts & (_since(dataset.time[kept], starts) > dataset.warmup - NEAR)
     return Bound(dataset, inputs, picked, starts, counts, {**clock, **not_held(graph, counts.size)})
 
 
@@ -159,11 +163,22 @@ def _interpolated(
 
 
 def _cut(dataset: Dataset, valid: Bool) -> Int:
-    """Where among the valid samples a piece starts: at a recording's start, or after a gap."""
+    """Where among the valid samples a piece starts: at a recording's start, after a gap, or after a pause."""
     fresh = np.zeros(dataset.samples, dtype=bool)
     fresh[dataset.starts] = True
     fresh[1:] |= ~valid[:-1]
+    if dataset.time is not None:
+        fresh[1:] |= np.diff(dataset.time) > _longest_step(dataset.time, dataset.starts, dataset.max_gap)
     return np.flatnonzero(fresh[valid])
+
+
+def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
+    """The longest step in s that is no pause of the recording; infinite where there is no pause."""
+    steps = np.diff(time)
+    steps = np.delete(steps, starts[1:] - 1) if starts.size > 1 else steps
+    if not steps.size or steps.max() <= PAUSE * steps.min():  # looked at first: a median takes its time
+        return np.inf
+    return max(PAUSE * float(np.median(steps)), max_gap)
 
 
 def _clock(time: Float, starts: Int, clocks: Collection[str]) -> dict[str, Float]:

@@ -21,8 +21,8 @@ from kennfeld.optimize.search.sequence import STOPPED, Begin, Climb, Climber, ho
 from kennfeld.optimize.search.starts import distance, drawn_start
 from kennfeld.optimize.search.step import unusable, whole
 from kennfeld.optimize.solver.gauss_newton import Descent, Status
-from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.time_constants import bounded
+from kennfeld.threads import blas_threads
 
 __all__ = ["run"]
 

@@ -21,8 +21,8 @@ from kennfeld.optimize.search.reduction import penalty_ratio, reduced, refined
 from kennfeld.optimize.search.saved import Keep, Saved
 from kennfeld.optimize.search.step import Step, standing, stepped, whole
 from kennfeld.optimize.solver.gauss_newton import Descent, Status, Stop
-from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.parameters import ParameterSet
+from kennfeld.threads import blas_threads
 
 __all__ = ["Begin", "Climb", "Climber", "holding", "not_begun"]
 

@@ -14,7 +14,6 @@ from kennfeld.optimize.limits.output_limits import OutputLimits
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.solver.gauss_newton import Status
-from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.counting import touching_samples
 from kennfeld.optimize.trust.estimate import Estimate, estimate
 from kennfeld.optimize.trust.holding import Holding, distances, outputs_held
@@ -24,6 +23,7 @@ from kennfeld.optimize.trust.shapes import shapes
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.words import Describer, Direction
 from kennfeld.parameters import ParameterSet
+from kennfeld.threads import blas_threads
 
 __all__ = ["Inspection"]
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError, nearest
-from kennfeld.optimize.solver.threads import blas_threads
 from kennfeld.optimize.trust.estimate import Estimate
 from kennfeld.optimize.trust.holding import Holding
 from kennfeld.optimize.trust.words import Direction
+from kennfeld.threads import blas_threads
 
 __all__ = ["Trust"]
 

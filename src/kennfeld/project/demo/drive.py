@@ -21,6 +21,8 @@ MASS, ROTATING = 1560.0, 1.05  # kg, and the factor for what turns with the whee
 ROLLING, WIND, GRAVITY = 0.011, 0.5 * 1.2 * 0.66, 9.81  # share of the weight; N per (m/s)^2; m/s^2
 WHEEL = 0.312  # m, rolling radius
 RATIOS = (13.4, 7.4, 4.75, 3.5, 2.75, 2.28)  # gear and final drive
+LEVERS = tuple(ratio / WHEEL for ratio in RATIOS)  # 1/m
+INERTIA = MASS * ROTATING
 CHAIN = 0.93  # efficiency of the drive train
 SHIFT = 6  # steps with the clutch open
 BRAKE = 3.2  # m/s^2
@@ -43,9 +45,15 @@ def drive(samples: int, seed: int) -> tuple[Float, Float, Float]:
     wanted, temper = _wishes(rng, samples)
     aids = 3.5 + _waves(rng, time, ((25.0, 1.2), (140.0, 2.0)))  # Nm, alternator and air conditioning
     slope = _waves(rng, time, ((45.0, 0.012), (110.0, 0.022), (310.0, 0.02), (700.0, 0.012)))
-    car = _Car()
-    asked = (column.tolist() for column in (wanted, temper, slope, aids))
-    speed, fuel = np.array([car.step(*now) for now in zip(*asked, strict=True)]).T
+    asked = (
+        *(wanted, 0.15 + 0.45 * temper),
+        *(-BRAKE * (0.3 + 0.7 * temper), 0.7 + 3.0 * temper),
+        *(MASS * GRAVITY * (ROLLING + slope), aids),
+        *(1550.0 + 2500.0 * temper, 1500.0 + 1300.0 * temper),
+    )
+    step = _Car().step
+    found = [step(*now) for now in zip(*(column.tolist() for column in asked), strict=True)]
+    speed, fuel = np.array(found).T
     return time, speed, fuel
 
 
@@ -85,44 +93,56 @@ class _Car:
         self.speed, self.velocity, self.acceleration = IDLE_SPEED, 0.0, 0.0
         self.gear, self.shifting = 0, 0
 
-    def step(self, wish: float, temper: float, slope: float, aids: float) -> tuple[float, float]:
-        """Engine speed in rpm and injection quantity in mg/stk after the next `STEP`."""
-        gap = (0.15 + 0.45 * temper) * (wish - self.velocity)
-        asked = min(max(gap, -BRAKE * (0.3 + 0.7 * temper)), 0.7 + 3.0 * temper)
-        self.acceleration += 0.2 * (asked - self.acceleration)  # the foot takes half a second
-        turning = RPM * RATIOS[self.gear] / WHEEL * self.velocity
-        resistance = MASS * GRAVITY * (ROLLING + slope) + WIND * self.velocity**2
-        losses = self.drag[int(self.speed)] + aids
-        if self.shifting or (wish == 0.0 and turning < IDLE_SPEED):
-            return self._open(turning, losses, resistance)
-        return self._closed(turning, losses, resistance, temper)
+    def step(
+        self,
+        wish: float,
+        eagerness: float,
+        hardest: float,
+        strongest: float,
+        weight: float,
+        aids: float,
+        too_fast: float,
+        too_slow: float,
+    ) -> tuple[float, float]:
+        """Engine speed in rpm and injection quantity in mg/stk after the next `STEP`.
 
-    def _open(self, turning: float, losses: float, resistance: float) -> tuple[float, float]:
+        The driver wants the velocity `wish` in m/s and closes a share `eagerness` of the gap in a second, within the
+        accelerations `hardest` and `strongest` in m/s^2; he shifts up above `too_fast` rpm, and at full load down below
+        `too_slow`. `weight` in N resists at any velocity, `aids` in Nm load the engine.
+        """
+        velocity, gear, speed = self.velocity, self.gear, int(self.speed)
+        gap = eagerness * (wish - velocity)
+        asked = strongest if gap > strongest else hardest if gap < hardest else gap
+        self.acceleration += 0.2 * (asked - self.acceleration)  # the foot takes half a second
+        turning = RPM * LEVERS[gear] * velocity
+        resistance = weight + WIND * velocity * velocity
+        losses, most = self.drag[speed] + aids, self.full_load[speed]
+        if self.shifting or (wish == 0.0 and turning < IDLE_SPEED):
+            return self._open(turning, losses, most, resistance)
+        lever = LEVERS[gear]
+        force = INERTIA * self.acceleration + resistance
+        fuel = (force / lever * (1 / CHAIN if force > 0.0 else CHAIN) + losses) / TORQUE_PER_FUEL
+        missing = (fuel - most) * TORQUE_PER_FUEL * lever * CHAIN if fuel > most else 0.0
+        if turning > too_fast and gear < len(LEVERS) - 1:
+            self.gear, self.shifting = gear + 1, SHIFT
+        elif gear and (turning < 1150.0 or (missing and turning < too_slow)):
+            self.gear, self.shifting = gear - 1, SHIFT
+        # a driver who sets off lets the clutch slip; brakes do what the drag of the engine does not
+        slipping = IDLE_SPEED + 450.0 * min(self.acceleration, 1.5)
+        target = turning if turning > slipping else slipping
+        return self._moved(self.acceleration - missing / INERTIA, max(target, IDLE_SPEED), fuel, most)
+
+    def _open(self, turning: float, losses: float, most: float, resistance: float) -> tuple[float, float]:
         """The clutch is open: the governor holds the idle speed, or meets the speed of the next gear."""
         target = max(IDLE_SPEED, turning) if self.shifting else IDLE_SPEED
         self.shifting = max(self.shifting - 1, 0)
         fuel = losses / TORQUE_PER_FUEL * (1.0 + 0.004 * (target - self.speed))
-        self._moved(min(self.acceleration, 0.0) - (0.0 if self.velocity == 0.0 else resistance / (MASS * ROTATING)))
-        return self._turned(target, min(max(fuel, 0.0), self.full_load[int(self.speed)]))
+        rolling = resistance / INERTIA if self.velocity > 0.0 else 0.0
+        return self._moved(min(self.acceleration, 0.0) - rolling, target, fuel, most)
 
-    def _closed(self, turning: float, losses: float, resistance: float, temper: float) -> tuple[float, float]:
-        """The engine drives, at most at full load; or it is driven, and the brakes do what its drag does not."""
-        lever, most = RATIOS[self.gear] / WHEEL, self.full_load[int(self.speed)]
-        force = MASS * ROTATING * self.acceleration + resistance
-        torque = force / lever * (1 / CHAIN if force > 0.0 else CHAIN)
-        fuel = (torque + losses) / TORQUE_PER_FUEL
-        missing = max(fuel - most, 0.0) * TORQUE_PER_FUEL * lever * CHAIN
-        self._moved(self.acceleration - missing / (MASS * ROTATING))
-        if turning > 1550.0 + 2500.0 * temper and self.gear < len(RATIOS) - 1:
-            self.gear, self.shifting = self.gear + 1, SHIFT
-        elif self.gear and (turning < 1150.0 or (missing > 0.0 and turning < 1500.0 + 1300.0 * temper)):
-            self.gear, self.shifting = self.gear - 1, SHIFT
-        slipping = IDLE_SPEED + 450.0 * min(max(self.acceleration, 0.0), 1.5)
-        return self._turned(max(turning, slipping), min(max(fuel, 0.0), most))
-
-    def _moved(self, acceleration: float) -> None:
-        self.velocity = max(self.velocity + STEP * acceleration, 0.0)
-
-    def _turned(self, target: float, fuel: float) -> tuple[float, float]:
-        self.speed = min(self.speed + 0.5 * (target - self.speed), TOP_SPEED - 1.0)
-        return self.speed, fuel
+    def _moved(self, acceleration: float, target: float, fuel: float, most: float) -> tuple[float, float]:
+        velocity = self.velocity + STEP * acceleration
+        self.velocity = velocity if velocity > 0.0 else 0.0
+        speed = self.speed + 0.5 * (target - self.speed)
+        self.speed = speed = speed if speed < TOP_SPEED - 1.0 else TOP_SPEED - 1.0
+        return speed, most if fuel > most else fuel if fuel > 0.0 else 0.0

@@ -17,8 +17,8 @@ STEP = 0.02  # s, the raster of the governor and of the recordings
 NOISE = 2.0  # rpm, of the speed sensor in the recordings
 THROTTLE, LOAD = (7.0, 15.0), (15.0, 28.0)  # degrees, Nm
 REST = 8.9  # degrees, the throttle from which the governor starts
-SET_VALUES = (1980.0, 2400.0, 2150.0, 2700.0, 2000.0)  # rpm, 6 s each
-CONSTANT_LOAD = 20.0  # Nm
+SET_VALUES = (1980.0, 2800.0, 2400.0, 3000.0, 2200.0)  # rpm, 6 s each
+LOADS = (25.0, 22.0, 24.0, 20.0, 26.0)  # Nm, with them
 PROJECTS = (("kennfeld.toml", "results"), ("limited.toml", "results-limited"))
 
 FORMULA = """\
@@ -58,16 +58,16 @@ def recording(name: str, minutes: float, seed: int, use: Use = "training") -> Da
 
 
 def set_values() -> Dataset:
-    """What the governor shall follow, at constant load."""
+    """What the governor shall follow; the load changes with the set value."""
     each = round(6.0 / STEP)
-    wanted = np.repeat(SET_VALUES, each)
-    channels = (Channel("n_set", wanted, "rpm"), Channel("load", np.full(wanted.size, CONSTANT_LOAD), "Nm"))
-    return Dataset("set_values", channels, time=_time(wanted.size))
+    wanted, load = np.repeat(SET_VALUES, each), np.repeat(LOADS, each)
+    return Dataset(
+        "set_values", (Channel("n_set", wanted, "rpm"), Channel("load", load, "Nm")), time=_time(wanted.size)
+    )
 
 
 def _time(samples: int) -> Float:
-    time: Float = (STEP * np.arange(samples)).round(2)
-    return time
+    return np.asarray((STEP * np.arange(samples)).round(2), dtype=np.float64)
 
 
 def start() -> ParameterSet:

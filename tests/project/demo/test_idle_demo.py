@@ -1,0 +1,85 @@
+"""The idle demo as a user meets it: the engine learnt, the gains found, both asked on the physical engine."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.project.demo import closing, idle, prepare, projects, write
+from kennfeld.surrogate import read_surrogate
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("idle") / "demo"
+    path, said = write("idle", folder), []
+    prepare("idle", folder, said.append)
+    assert any("free run" in line for line in said)
+    return path.parent
+
+
+@pytest.fixture(scope="module")
+def results(demo):
+    from kennfeld.project.results import write as write_results
+
+    found = {}
+    for file, folder in projects("idle"):
+        project = kf.Project.read(demo / file)
+        assert [finding for finding in project.check() if finding.severity == "error"] == []
+        found[file] = project.calibrate()
+        write_results(found[file], project, demo / folder)
+    return found
+
+
+def test_the_engine_runs_freely_on_another_recording(demo):
+    rows = {(q.dataset, q.mode): q for q in read_surrogate(demo / "engine.json").quality}
+    assert rows["another recording", "free run"].rmse < 15
+    assert rows["another recording", "free run"].use == "test"
+
+
+def test_the_engine_is_trained_once(demo):
+    before = (demo / "engine.json").stat().st_mtime_ns
+    prepare("idle", demo, lambda line: pytest.fail("trained again"))
+    assert (demo / "engine.json").stat().st_mtime_ns == before
+
+
+def test_the_gains_are_found_from_nothing(results):
+    free = results["kennfeld.toml"]
+    assert free.converged
+    assert free.start["Kp"].value == free.start["Ki"].value == 0
+    assert free.quality[0].rmse_after < 0.25 * free.quality[0].rmse_before
+    assert free.parameters["Ki"].value > 0
+
+
+def test_the_limit_is_kept_and_costs_something(demo, results):
+    free, limited = results["kennfeld.toml"], results["limited.toml"]
+    assert limited.converged
+    assert limited.cost_after > free.cost_after
+    overshoot = {
+        file: kf.Project.read(demo / file).simulate(results[file].parameters)[0]["overshoot"].values.max()
+        for file in results
+    }
+    assert overshoot["kennfeld.toml"] > 50
+    assert overshoot["limited.toml"] < 10.1
+
+
+def test_the_physical_engine_agrees(demo, results):
+    head, free, limited = closing("idle", demo)
+    assert head[-1] == "overshoot, rpm"
+    for row, file in ((free, "kennfeld.toml"), (limited, "limited.toml")):
+        assert float(row[3]) == pytest.approx(results[file].quality[0].rmse_after, rel=0.05)
+    assert float(free[4]) > 50
+    assert float(limited[4]) < 25
+
+
+def test_the_plant_keeps_its_numbers_and_has_a_file_of_its_own(demo, results):
+    engine = results["kennfeld.toml"].parameters["engine"]
+    assert engine.expansion == read_surrogate(demo / "engine.json").expansion
+    assert "engine" not in (demo / "results" / "parameters.json").read_text()
+
+
+def test_the_recordings_are_others_than_the_gains_are_found_on():
+    training, wanted = idle.recording("a", 0.2, 1), idle.set_values()
+    assert "n_set" not in training
+    assert np.ptp(wanted["load"].values) > 0
+    assert training["throttle"].values.min() >= idle.THROTTLE[0]
+    assert training["throttle"].values.max() <= idle.THROTTLE[1]
