@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.expansion import Expansion
-from kennfeld.surrogate import DynamicSurrogate, write_surrogate
+from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
 from kennfeld.terminal.contents import contents
 
 
@@ -130,3 +130,24 @@ def test_a_damaged_surrogate_beside_is_named(written):
 def test_formula_text_of_another_ending_reads_them_too(written, tmp_path):
     write_surrogate(engine(), tmp_path / "engine.json")
     assert contents(written("loop.txt", LOOP)).as_json["surrogates"] == ["engine"]
+
+
+def test_a_surrogate_tells_between_which_numbers_it_was_trained_whatever_the_lag(tmp_path):
+    trained = np.array([[100.0, 1.0, 3.0, 7.0], [200.0, 2.0, 4.0, 8.0], [150.0, 1.5, 3.5, 9.0]])
+    units = ("deg", "Nm", "rpm")
+    made = DynamicSurrogate(
+        *("engine", ("throttle", "load"), ((0, 1), (2,)), "n", (1,), 0.02, plane(4)),
+        Validity.around(trained, np.ones(4)),
+        units=units,
+    )
+    write_surrogate(made, tmp_path / "engine.json")
+    found = contents(tmp_path / "engine.json")
+    assert found.as_json["ranges"] == {"n": [100.0, 200.0], "throttle": [1.0, 4.0], "load": [7.0, 9.0]}
+    assert ["throttle", "deg", "1", "4"] in found.tables[1]
+
+
+def test_a_project_tells_its_surrogates(written):
+    text = '[model]\nfile = "a.kf"\n[surrogates]\nengine = "e.json"\n[[dataset]]\nfiles = ["a.csv"]\n'
+    found = contents(written("p.toml", text + '[[criterion]]\nnode = "y"\ntarget = 1\n'))
+    assert found.as_json["surrogates"] == {"engine": "e.json"}
+    assert "surrogate engine: e.json" in found.notes
