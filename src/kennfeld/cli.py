@@ -13,6 +13,8 @@ from kennfeld.errors import Finding, InputError, KennfeldError
 from kennfeld.terminal.output import complain, say
 
 if TYPE_CHECKING:
+    from kennfeld.analysis.leaving import Leaving
+    from kennfeld.optimize import Result
     from kennfeld.project import Project
 
 __all__ = ["app", "main", "run"]
@@ -130,12 +132,15 @@ def demo(
 
 @app.command()
 def check(path: ProjectFile) -> int:
-    """Name every problem of a project and its files.
+    """Name every problem of a project and its files, or of a training file.
 
     Each comes with its place and the mend, on stderr; nothing is calculated.
     """
     from kennfeld.project import Project
+    from kennfeld.project.toml import is_training, read_toml
 
+    if is_training(read_toml(path)):
+        return _check_training(path)
     project = Project.read(path)
     findings = _sound(project)
     complain(*findings)
@@ -144,6 +149,23 @@ def check(path: ProjectFile) -> int:
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in problem.datasets]
     say(f"{path}: {'ready, with warnings' if findings else 'no problem found'}")
     say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    return DONE
+
+
+def _check_training(path: Path) -> int:
+    from kennfeld.project.training import read_training
+
+    training = read_training(path)
+    datasets, findings = training.check()
+    if any(finding.severity == "error" for finding in findings):
+        raise InputError(findings)
+    complain(*findings)
+    settings = training.settings
+    called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
+    samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
+    say(f"{path}: a training file, {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{settings.kind} surrogate {called}; {', '.join(samples)}")
+    say(f"Next: kennfeld surrogate train {path}")
     return DONE
 
 
@@ -215,7 +237,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     from kennfeld.project.results import require_room, write
     from kennfeld.report import safely
     from kennfeld.terminal.choices import choices
-    from kennfeld.terminal.findings import left_open
+    from kennfeld.terminal.findings import left_data, left_open
     from kennfeld.terminal.interrupt import Interrupt
     from kennfeld.terminal.progress import display
     from kennfeld.terminal.table import aligned
@@ -229,7 +251,10 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
         with Interrupt() as interrupt:
             with display("compiling", project.file.optimizer.starts) as shown:
                 result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
-            written = write(result, project, folder, {"report.html": safely(project, result, findings)})
+            left = _left(project, result)
+            text = safely(project, result, findings, left)
+            further = {"surrogates": [row.as_json() for row in left]} if left else None
+            written = write(result, project, folder, {"report.html": text}, further)
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
@@ -239,11 +264,21 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     say(f"{result.status}: {result.message}")
     say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    say(*left_open(result.trust))
+    say(*left_open(result.trust), *left_data(left))
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:
         return INTERRUPTED
     return DONE if result.converged else NOT_CONVERGED
+
+
+def _left(project: "Project", result: "Result") -> "Sequence[Leaving]":
+    """Where surrogates are used outside the data they were trained on."""
+    if not project.surrogates:
+        return ()
+    from kennfeld.analysis.leaving import leaving
+    from kennfeld.optimize.choice.lag import moved
+
+    return leaving(moved(project.problem(), result.shifts), result.parameters)
 
 
 def _sound(project: "Project") -> list[Finding]:
@@ -280,9 +315,18 @@ def simulate(
     from kennfeld.project.results import write_simulation
 
     project = Project.read(path)
-    datasets = project.simulate(None if parameters is None else read(parameters))
+    values = None if parameters is None else read(parameters)
+    datasets = project.simulate(values)
     written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    say(*(f"{data.name}: {data.samples} samples" for data in datasets), f"Written to {written}")
+    say(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    if project.surrogates:
+        from kennfeld.analysis.leaving import leaving
+        from kennfeld.project.simulation import replaced
+        from kennfeld.terminal.findings import left_data
+
+        problem = project.problem()
+        say(*left_data(leaving(problem, replaced(problem, values)), ""))
+    say(f"Written to {written}")
     return DONE
 
 
@@ -318,7 +362,9 @@ def report(
 
 @app.command()
 def info(
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula or project file.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, surrogate or project file.")
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Show what is in a file."""

@@ -123,3 +123,14 @@ def test_the_step_of_the_data_must_be_its_own():
         kf.simulate(model, kf.Dataset.of("d", columns), {})
     pieces = kf.Dataset.of("d", columns, time=[0.02 * k + (k >= 10) for k in range(20)], starts=[0, 10])
     assert kf.simulate(model, pieces, {})["n"].values.size == 20
+
+
+@pytest.mark.parametrize("text", ["y = F(x, z) + k", "y = k * F(x, z)", "y = k * prev(F(x, z), 0)"])
+def test_one_that_depends_on_the_data_alone_is_computed_before_the_fit(text):
+    surrogate = StaticSurrogate("F", ("x", "z"), "y", (), expansion(2))
+    x = np.random.default_rng(3).normal(size=(50, 2))
+    model = formula(f"{text}\nscalar k", surrogates=[surrogate])
+    data = kf.Dataset.of("d", {"x": x[:, 0], "z": x[:, 1]}, time=np.arange(50.0))
+    wanted = kf.simulate(model, data, {"k": 1.7})["y"].values
+    result = kf.calibrate(model, {"x": x[:, 0], "z": x[:, 1], "m": wanted}, {"k": 0.5}, target="m", node="y")
+    assert float(result.parameters["k"].values) == pytest.approx(1.7)

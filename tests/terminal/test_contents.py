@@ -1,8 +1,11 @@
 import json
 
+import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from kennfeld.expansion import Expansion
+from kennfeld.surrogate import DynamicSurrogate, write_surrogate
 from kennfeld.terminal.contents import contents
 
 
@@ -80,3 +83,50 @@ END
 def test_what_is_nothing_of_the_kind_is_named(written):
     with pytest.raises(InputError, match=r"notes\.txt"):
         contents(written("notes.txt", ""))
+
+
+def plane(inputs):
+    return Expansion(0.0, np.ones(inputs), np.zeros(0), np.zeros((0, inputs)), np.zeros((0, inputs)))
+
+
+LOOP = "n = engine(throttle, load, load, load, load)\nthrottle = k * (wanted - n)\nscalar k\n"
+
+
+def engine(inputs=("throttle", "load", "b", "c", "d"), name="else"):
+    lags = tuple((1,) for _ in inputs)
+    return DynamicSurrogate(name, inputs, lags, "n", (1,), 0.02, plane(1 + len(inputs)))
+
+
+def test_a_formula_reads_the_surrogates_that_lie_beside_it(written, tmp_path):
+    path = written("loop.kf", LOOP)
+    write_surrogate(engine(), tmp_path / "engine.json")
+    write_surrogate(engine(), tmp_path / "other.json")
+    found = contents(path)
+    assert found.as_json["surrogates"] == ["engine"]
+    assert found.notes[0].startswith("engine.json: n = engine(throttle, load, b, c, d), steps of 0.02 s")
+    assert {"name": "engine", "kind": "surrogate"} in found.as_json["parameters"]
+    json.dumps(found.as_json)
+
+
+def test_without_the_file_it_says_what_is_missing(written):
+    with pytest.raises(InputError, match="engine has 5 coordinates"):
+        contents(written("loop.kf", LOOP))
+
+
+def test_a_table_that_is_declared_stays_a_table_and_a_calibration_beside_is_no_surrogate(written, tmp_path):
+    write_surrogate(engine(("a",)), tmp_path / "engine.json")
+    written("Gain.json", '{"Gain": {"kind": "scalar", "unit": "", "value": 1.0}}')
+    found = contents(written("plain.kf", "y = engine(u) + Gain(u)\ncurve engine\n"))
+    assert found.as_json["surrogates"] == []
+    assert {"name": "engine", "kind": "curve"} in found.as_json["parameters"]
+
+
+def test_a_damaged_surrogate_beside_is_named(written):
+    written("engine.json", '{"kind": "kennfeld-dynamic-surrogate", "version": 1')
+    with pytest.raises(InputError, match=r"engine\.json line 1"):
+        contents(written("loop.kf", LOOP))
+
+
+def test_formula_text_of_another_ending_reads_them_too(written, tmp_path):
+    write_surrogate(engine(), tmp_path / "engine.json")
+    assert contents(written("loop.txt", LOOP)).as_json["surrogates"] == ["engine"]

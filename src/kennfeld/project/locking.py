@@ -31,9 +31,10 @@ def within(table: Parameter, part: Range) -> Bool:
 
 
 def untouched(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
-    """For each of these tables, the values that no training sample touches."""
+    """For each of these tables, the values that no training sample touches; an expansion has none."""
     coverage = Coverage(problem.model.graph, problem.parameters, names)
-    seen = {name: np.zeros(problem.parameters[name].values.shape, dtype=bool) for name in names}
+    kept = {name: problem.parameters[name] for name in names}
+    seen = {name: np.full(table.values.shape, table.kind == "rbf") for name, table in kept.items()}
     for bound in problem.training:
         for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
             seen[name] |= mask

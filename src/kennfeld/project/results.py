@@ -43,9 +43,15 @@ class Simulated(Protocol):
 
 
 def write(
-    result: Result, project: Simulated, folder: str | Path, documents: Mapping[str, str] | None = None
+    result: Result,
+    project: Simulated,
+    folder: str | Path,
+    documents: Mapping[str, str] | None = None,
+    further: Mapping[str, Any] | None = None,
 ) -> tuple[Path, ...]:
     """Write a result into a folder, with further texts by file name, and give the paths of its files.
+
+    `further` are keys of `result.json` besides those of the result.
 
     Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
     """
@@ -59,7 +65,7 @@ def write(
         _save(simulation, scratch / "simulation.parquet")
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        _write_json(result.as_json(), scratch / "result.json")
+        _write_json(result.as_json() | dict(further or {}), scratch / "result.json")
         names = [
             path.name for path in sorted(scratch.iterdir(), key=lambda path: (path.name == "result.json", path.name))
         ]

@@ -20,7 +20,7 @@ from kennfeld.project.schema import (
 from kennfeld.project.section import NEXT, Section, finite
 from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
-from kennfeld.project.toml import read_toml
+from kennfeld.project.toml import is_training, read_toml
 
 __all__ = ["read_datasets", "read_project"]
 
@@ -30,7 +30,10 @@ _LATER_FORMATS = ("cdfx", "hex", "s19")
 def read_project(path: Path) -> ProjectFile:
     """The values of a project file. Raises `InputError` with every problem of the file itself."""
     findings: list[Finding] = []
-    root = Section(read_toml(path), path.name, findings)
+    tables = read_toml(path)
+    if is_training(tables):
+        raise InputError.of(path.name, "this is a training file, no project", "Run `kennfeld surrogate train`.")
+    root = Section(tables, path.name, findings)
     file = ProjectFile(
         path=path,
         name=path.resolve().parent.name if path.stem == "kennfeld" else path.stem,

@@ -9,12 +9,12 @@ from kennfeld.optimize.scoring import Nodes
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.initial import described
 
-__all__ = ["simulations"]
+__all__ = ["replaced", "simulations"]
 
 
 def simulations(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
     """The named nodes and the target channels over every dataset; a target called like a node gets a suffix."""
-    values = problem.parameters if parameters is None else _replaced(problem, parameters)
+    values = replaced(problem, parameters)
     compiled = Nodes(problem.model.graph, values)
     return [_one(problem, data, values, compiled) for data in problem.datasets]
 
@@ -32,8 +32,13 @@ def _one(problem: Problem, data: Dataset, values: ParameterSet, compiled: Nodes)
     return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=bound.scored)
 
 
-def _replaced(problem: Problem, parameters: ParameterSet) -> ParameterSet:
-    """The project's parameters with others of the same names; they may have other axes, but as many."""
+def replaced(problem: Problem, parameters: ParameterSet | None) -> ParameterSet:
+    """The project's parameters with others of the same names; they may have other axes, but as many.
+
+    Raises `InputError` where one does not fit the function.
+    """
+    if parameters is None:
+        return problem.parameters
     needed = problem.model.graph.parameters
     wrong = [
         Finding("parameters", f"{name} is {described(parameters[name])}; the function gives it {count} coordinates")

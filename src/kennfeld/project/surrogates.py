@@ -16,10 +16,16 @@ def read_surrogates(file: ProjectFile, findings: list[Finding]) -> "tuple[Surrog
     """The surrogates, each under the name that the project gives it; findings for those that cannot be read."""
     if not file.surrogates:
         return ()
+    from kennfeld.models.formula.functions import FUNCTIONS
+    from kennfeld.models.formula.lexer import is_plain
     from kennfeld.surrogate import read_surrogate
 
     made = []
     for name, path in file.surrogates.items():
+        if name in FUNCTIONS or not is_plain(name):
+            what = "is built in" if name in FUNCTIONS else "is no name that formula text can call"
+            findings.append(Finding(file.place(f"[surrogates] {name}"), f"{name} {what}", "Use another name."))
+            continue
         target = file.folder / path
         if not target.is_file():
             beside = [one.name for one in target.parent.iterdir() if one.is_file()] if target.parent.is_dir() else []

@@ -14,11 +14,13 @@ from kennfeld.errors import ArgumentError, Finding, nearest
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.parameters import Axis, Parameter, ParameterSet, parameter
 from kennfeld.project.axes import Axes
+from kennfeld.project.expansions import settled
 from kennfeld.project.free_breakpoints import made_free
 from kennfeld.project.function import Function, coordinates_of
 from kennfeld.project.initial import described, sized
 from kennfeld.project.locking import lacking_axes, within
 from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
+from kennfeld.rbf import RBF
 
 __all__ = ["Tables", "build_tables"]
 
@@ -80,6 +82,8 @@ class _Table:
     def made(self) -> Parameter | None:
         """The parameter, or None with a finding."""
         entry, before = self.entry, len(self.findings)
+        if isinstance(self.old, RBF) and not entry.axes:
+            return settled(self.old, entry, self._report)
         axes = self._axes()
         values = None if axes is None else self._values(axes)
         if values is None or axes is None:

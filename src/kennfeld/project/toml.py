@@ -2,12 +2,13 @@
 
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import Finding, InputError, nearest
 
-__all__ = ["read_toml"]
+__all__ = ["is_training", "read_toml"]
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _WIDEST = 120
@@ -24,6 +25,15 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError.of(path.name, "brackets are nested too deeply to be read") from None
     except (ValueError, OverflowError) as error:  # numbers and dates that Python cannot hold
         raise InputError.of(path.name, f"a value cannot be read: {error}") from None
+
+
+def is_training(tables: Mapping[str, Any]) -> bool:
+    """Whether these are the tables of a training file for `kennfeld surrogate train`, not of a project.
+
+    >>> is_training({"surrogate": {}, "dataset": []}), is_training({"surrogate": {}, "model": {}})
+    (True, False)
+    """
+    return "surrogate" in tables and not tables.keys() & {"model", "criterion", "calibration"}
 
 
 def _text(path: Path) -> str:

@@ -1,19 +1,23 @@
 """What `kennfeld surrogate train` reads: a file that says from which recordings a data-driven model is made."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+
+from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.project.calculated import read_calculated
 from kennfeld.project.loading import Wanted, load
 from kennfeld.project.schema import CalibrationEntry, ModelEntry, OptimizerEntry, ProjectFile
 from kennfeld.project.section import Section
 from kennfeld.project.sections import read_datasets
 from kennfeld.project.toml import read_toml
+from kennfeld.project.training_section import read_settings
 from kennfeld.surrogate import Surrogate
+from kennfeld.surrogate.recordings import points_of, raster_of, runs_of
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
 __all__ = ["Training", "read_training"]
@@ -32,13 +36,54 @@ class Training:
     def datasets(self) -> list[Dataset]:
         """The recordings. Raises `InputError` with every problem of theirs."""
         findings: list[Finding] = []
+        found = self._datasets(findings)
+        if any(finding.severity == "error" for finding in findings):
+            raise InputError(findings)
+        return found
+
+    def check(self) -> tuple[list[Dataset], list[Finding]]:
+        """The recordings, and every problem of theirs, errors and warnings; nothing is trained."""
+        findings: list[Finding] = []
+        found = self._datasets(findings)
+        if not any(finding.severity == "error" for finding in findings):
+            findings += self._unfit(found)
+        return found, list(dict.fromkeys(findings))
+
+    def _datasets(self, findings: list[Finding]) -> list[Dataset]:
         calculated = read_calculated(self.data, findings)
         needed = dict.fromkeys(self.settings.inputs, "an input of the surrogate")
         needed[self.settings.output] = "the output of the surrogate"
-        loaded = load(self.data, Wanted(needed), calculated, findings)
-        if any(finding.severity == "error" for finding in findings):
-            raise InputError(findings)
-        return loaded.datasets
+        return load(self.data, Wanted(needed), calculated, findings).datasets
+
+    def _unfit(self, datasets: list[Dataset]) -> Iterator[Finding]:
+        """Why a model cannot be trained on the recordings, as far as that is known without doing it."""
+        training = [one for one in datasets if one.use == "training"]
+        if not training:
+            yield Finding(self.data.place("[[dataset]]"), "no dataset is for training", 'Give one use = "training".')
+            return
+        tables = []
+        try:
+            step = raster_of(datasets, self.settings.step) if self.settings.kind == "dynamic" else 0.0
+            tables = [table for one in training for table in self._tables(one, step)]
+        except InputError as error:
+            yield from error.findings
+            return
+        if not tables:
+            what = "the training data have no piece without gaps that is long enough"
+            yield Finding(self.data.place("[[dataset]]"), what, "Raise max_gap, or give other files.")
+            return
+        whole = np.concatenate(tables)
+        for name, column in zip((*self.settings.inputs, self.settings.output), whole.T, strict=True):
+            if np.ptp(column) == 0:
+                what = f"channel {name} is {column[0]:g} in all training data"
+                yield Finding(self.data.place("[surrogate]"), what, "Nothing can be learnt from it; leave it out.")
+
+    def _tables(self, dataset: Dataset, step: float) -> list[Float]:
+        """What is learnt from a dataset: Float[samples, inputs and output] a piece."""
+        given = dataset, self.settings.inputs, self.settings.output
+        if self.settings.kind == "dynamic":
+            return [np.column_stack([run.u, run.y]) for run in runs_of(*given, step)]
+        return [np.column_stack(points_of(*given))]
 
     def train(self, report: Callable[[str], None] = lambda line: None) -> Surrogate:
         """The surrogate; `report` hears how it goes on. Raises `InputError` where the data do not suffice."""
@@ -48,8 +93,11 @@ class Training:
 def read_training(path: str | Path) -> Training:
     """The values of a training file. Raises `InputError` with every problem of the file itself."""
     path, findings = Path(path), list[Finding]()
-    root = Section(read_toml(path), path.name, findings)
-    settings, target = _surrogate(root, path)
+    tables = read_toml(path)
+    if "surrogate" not in tables and "model" in tables:
+        raise InputError.of(path.name, "this is a project, no training file", "Run `kennfeld calibrate`.")
+    root = Section(tables, path.name, findings)
+    settings, target = read_settings(root, path)
     data = ProjectFile(
         path=path,
         name=path.stem,
@@ -63,6 +111,7 @@ def read_training(path: str | Path) -> Training:
         criteria=(),
         optimizer=OptimizerEntry(),
     )
+    _check_datasets(root)
     for key in root.values:
         if key not in SECTIONS:
             root.report(f"[{key}]", "is no section that a training file knows", nearest(key, SECTIONS))
@@ -71,72 +120,12 @@ def read_training(path: str | Path) -> Training:
     return Training(data, settings, path.parent / target)
 
 
-def _surrogate(root: Section, path: Path) -> tuple[SurrogateSettings | None, str]:
-    section = root.section("surrogate", 'Write [surrogate] with inputs = ["..."] and output = "...".')
-    if section is None:
-        return None, ""
-    for key in ("inputs", "output"):
-        if not section.has(key):
-            section.report(key, "the key is missing", "Write the names of channels.")
-    name = section.text("name") or (path.stem if path.stem != "surrogate" else section.text("output"))
-    inputs = section.texts("inputs")
-    given: dict[str, Any] = {
-        "kind": section.choice("kind", "static", ("static", "dynamic")),
-        "method": section.choice("method", "auto", ("auto", "exact", "sparse", "expansion")),
-        "centres": section.whole("centres", 300, 1),
-        "seed": section.whole("seed", 0, 0),
-        "starts": section.whole("starts", 3, 1),
-        "step": section.number("step", 0.0, 0.0, above=True) or None,
-        "lags": _lags(section),
-        "output_lags": _whole_numbers(section, "output_lags"),
-        "longest_lag": section.whole("longest_lag", 20, 1),
-        "free_run": section.flag("free_run") is not False,
-        "moves_centres": section.flag("moves_centres") is True,
-        "hold": section.number("hold", 0.0, 0.0) if section.has("hold") else None,
-        "iterations": section.whole("iterations", 15, 1),
-    }
-    limits = _limits(section)
-    if limits is not None:
-        given["limits"] = limits
-    target = section.text("file") or f"{name}.json"
-    output = section.text("output")
-    section.end()
-    try:
-        return SurrogateSettings(name, inputs, output, **given), target
-    except ArgumentError as error:
-        section.report("", str(error))
-        return None, target
-
-
-def _lags(section: Section) -> Any:
-    """Lags by input, or "auto"."""
-    if section.get("lags") in (None, "auto"):
-        return "auto"
-    inner = section.inner("lags")
-    return "auto" if inner is None else {name: _whole_numbers(inner, name) for name in inner.values}
-
-
-def _whole_numbers(section: Section, key: str) -> Any:
-    value = section.get(key)
-    if value in (None, "auto"):
-        return "auto"
-    numbers = value if isinstance(value, list) else [value]
-    if not all(isinstance(number, int) and not isinstance(number, bool) and number >= 0 for number in numbers):
-        section.report(key, f"{value!r} is no list of whole numbers", f'Write {key} = [1, 2], or "auto".')
-        return "auto"
-    return tuple(numbers)
-
-
-def _limits(section: Section) -> tuple[float, float] | None:
-    """Two numbers, either of which may be infinite."""
-    value = section.get("limits")
-    if value is None:
-        return None
-    if isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and value[0] < value[1]:
-        return float(value[0]), float(value[1])
-    section.report("limits", f"{value!r} is no pair of a lower and a higher number", "Write limits = [0, inf].")
-    return None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _check_datasets(root: Section) -> None:
+    """Keys of `[[dataset]]` that a calibration knows, and a training does not."""
+    for section in root.sections("dataset"):
+        for key in ("weight", "weight_channel", "settle", "average", "step"):
+            if section.has(key):
+                section.report(key, f"{key} has no meaning in a training file", "Remove it.")
+        shift = section.get("shift")
+        if isinstance(shift, dict) and "auto" in shift.values():
+            section.report("shift", '"auto" has no meaning in a training file', "Write the shift as a number.")

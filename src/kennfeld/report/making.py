@@ -3,6 +3,7 @@
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from kennfeld.errors import Finding
 from kennfeld.optimize import Result
@@ -13,16 +14,25 @@ from kennfeld.report.stored import stored
 from kennfeld.report.stored_trust import stored_trust
 from kennfeld.report.subject import subject
 
+if TYPE_CHECKING:  # most projects have no surrogates
+    from kennfeld.analysis.leaving import Leaving
+
 __all__ = ["document", "from_folder", "safely"]
 
 
-def document(project: Project, result: Result | None = None, findings: Sequence[Finding] = ()) -> str:
+def document(
+    project: Project,
+    result: Result | None = None,
+    findings: Sequence[Finding] = (),
+    left: "Sequence[Leaving] | None" = None,
+) -> str:
     """The report on a result as the text of one HTML file; without a result, on the start as given.
 
     Args:
         project: what was calibrated.
         result: what came of it.
         findings: the messages of `project.check()`, which the report repeats.
+        left: where surrogates are used outside the data they were trained on; computed where it is not given.
 
     Raises `InputError` where the project has no problem to compute.
 
@@ -30,7 +40,7 @@ def document(project: Project, result: Result | None = None, findings: Sequence[
     >>> project = kf.Project.read("kennfeld.toml")  # doctest: +SKIP
     >>> text = document(project, project.calibrate(), project.check())  # doctest: +SKIP
     """
-    return page(subject(project, result, findings))
+    return page(subject(project, result, findings, left=left))
 
 
 def from_folder(project: Project, folder: str | Path) -> str:
@@ -46,10 +56,12 @@ def from_folder(project: Project, folder: str | Path) -> str:
     return page(subject(project, result, findings, stored_trust(Path(folder), result.parameters), written))
 
 
-def safely(project: Project, result: Result, findings: Sequence[Finding] = ()) -> str:
+def safely(
+    project: Project, result: Result, findings: Sequence[Finding] = (), left: "Sequence[Leaving] | None" = None
+) -> str:
     """The report on a result; where it cannot be made, a page that says so, because the result must not be lost."""
     try:
-        return document(project, result, findings)
+        return document(project, result, findings, left)
     except Exception:
         sentence = "This report could not be made; the other files of the result are complete. Please report this:"
         said = element("body", element("p", sentence), element("pre", traceback.format_exc()))

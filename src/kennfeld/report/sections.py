@@ -13,6 +13,7 @@ from kennfeld.optimize import Equality
 from kennfeld.parameters import Parameter
 from kennfeld.report import figures
 from kennfeld.report.facts import sources
+from kennfeld.report.left import left_table
 from kennfeld.report.markup import Child, Html, details, element, table
 from kennfeld.report.numbers import MISSING, percent, recorded, shown, with_unit
 from kennfeld.report.settings import settings
@@ -432,6 +433,7 @@ def _undetermined(subject: Subject) -> Html:
         element("ul", lines, class_="directions") if lines else None,
         table(head, rows, class_="wide") if rows else None,
         _note(nothing) if nothing else None,
+        left_table(subject.left),
     )
 
 

@@ -48,7 +48,10 @@ def _parameters(path: Path, problem: Problem) -> ParameterSet:
     """The project's parameters with the values of the run; bounds and locks stay those of the project."""
     given = read_parameters(path)
     wrong, taken = [], []
+    carried = {surrogate.name for surrogate in problem.model.surrogates}  # these have files of their own
     for name, count in problem.model.graph.parameters.items():
+        if name in carried:
+            continue
         own = problem.parameters[name]
         if name not in given:
             wrong.append(Finding(str(path), f"there is no parameter {name}, which the function looks up", AGAIN))

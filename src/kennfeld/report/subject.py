@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.function import coordinates_of
 from kennfeld.report.trust import TrustView, view
+
+if TYPE_CHECKING:  # most projects have no surrogates
+    from kennfeld.analysis.leaving import Leaving
 
 __all__ = ["Change", "Score", "Subject", "subject"]
 
@@ -101,6 +104,7 @@ class Subject:
     changes: tuple[Change, ...]
     trust: TrustView = field(default_factory=TrustView)
     written: Mapping[str, Any] | None = None  # the contents of `result.json`
+    left: "tuple[Leaving, ...]" = ()  # where surrogates are used outside the data they were trained on
 
     @property
     def parameters(self) -> ParameterSet:
@@ -173,8 +177,11 @@ def subject(
     findings: Sequence[Finding] = (),
     trust: TrustView | None = None,
     written: Mapping[str, Any] | None = None,
+    left: "Sequence[Leaving] | None" = None,
 ) -> Subject:
     """Compute what a report tells; trust and `result.json` are those of the result unless others are given.
+
+    `left` is computed too, unless it is known.
 
     Raises `InputError` where the project has no problem to compute.
     """
@@ -189,6 +196,9 @@ def subject(
     if trust is None:
         trust = view(None if result is None else result.trust)
     tallied = tally(lookups, parameters, after)
+    left = _left(problem, parameters) if left is None else tuple(left)
+    if result is not None and written is None:
+        written = result.as_json() | ({"surrogates": [row.as_json() for row in left]} if left else {})
     return Subject(
         project=project,
         problem=problem,
@@ -199,8 +209,17 @@ def subject(
         residuals=residuals(problem, parameters, trust=trust, series=after, lookups=lookups, cells=tallied.cells),
         changes=_changes(problem, start, parameters, trust, tallied.touching),
         trust=trust,
-        written=result.as_json() if result is not None and written is None else written,
+        written=written,
+        left=left,
     )
+
+
+def _left(problem: Problem, parameters: ParameterSet) -> "tuple[Leaving, ...]":
+    if not problem.model.surrogates:
+        return ()
+    from kennfeld.analysis.leaving import leaving
+
+    return leaving(problem, parameters)
 
 
 def _changes(

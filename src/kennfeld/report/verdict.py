@@ -13,6 +13,8 @@ __all__ = ["Remark", "pooled", "remarks", "verdict"]
 
 TUNED = 1.3  # ratio of test to training error from which a fit has learnt the data, or the test covers other ground
 BIASED = 0.3  # of the RMSE
+RARE = 0.001  # share of the samples outside the data of a surrogate, which its own training data may reach
+MOST_LEFT = 3  # datasets named for each surrogate
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def _sentence(score: Score) -> str:
 
 def remarks(subject: Subject) -> list[Remark]:
     """What to know before the result is used, the weightiest first."""
-    found = [*_search(subject), *_data_remarks(subject), *_values(subject), *_errors(subject)]
+    found = [*_search(subject), *_left(subject), *_data_remarks(subject), *_values(subject), *_errors(subject)]
     order = ("warning", "note", "good")
     return sorted(found, key=lambda remark: order.index(remark.kind))
 
@@ -108,6 +110,23 @@ def _search(subject: Subject) -> Iterator[Remark]:
             "Project or data have changed since this result was written: its errors cannot be reproduced. "
             "The tables of this report show the written numbers, the pictures show today's. Calibrate again.",
         )
+
+
+def _left(subject: Subject) -> Iterator[Remark]:
+    """Where surrogates are used outside the data they were trained on."""
+    for name in dict.fromkeys(row.name for row in subject.left):
+        mine = [row for row in subject.left if row.name == name]
+        outside = sorted((row for row in mine if row.worst is not None), key=lambda row: -row.share)
+        if mine[0].outside is None:
+            yield Remark("note", f"{mine[0]}: nothing tells where it is used outside them.")
+        elif not outside:
+            count = sum(row.samples for row in mine)
+            yield Remark("good", f"{name} is used within the data it was trained on, at all of {count} samples.")
+        for row in outside[:MOST_LEFT]:
+            mend = "" if row.share <= RARE else " What it says there is a guess: train it on data from there, too."
+            yield Remark("warning" if row.share > RARE else "note", f"{row}.{mend}")
+        if len(outside) > MOST_LEFT:
+            yield Remark("note", f"{name} is used outside them on {len(outside) - MOST_LEFT} further datasets.")
 
 
 def _data_remarks(subject: Subject) -> Iterator[Remark]:

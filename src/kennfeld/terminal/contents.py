@@ -16,15 +16,18 @@ from kennfeld.models import Model
 from kennfeld.models import formula as formulas
 from kennfeld.project import Project
 from kennfeld.project.method import listed
+from kennfeld.project.toml import is_training, read_toml
 from kennfeld.surrogate import DynamicSurrogate, read_surrogate, recognises_surrogate
-from kennfeld.terminal.surrogates import described, quality_table
+from kennfeld.terminal.surrogates import described, quality_table, ranges_table
 from kennfeld.terminal.table import aligned
 
 __all__ = ["Contents", "contents"]
 
 Table = Sequence[Sequence[str]]  # the heading first
 
-_SECTION = re.compile(r"^[ \t]*\[{1,2}(model|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE)
+_SECTION = re.compile(
+    r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
+)
 _LINE_OF_FORMULA = re.compile(
     r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
     r"|(?:input|output|scalar|curve|map|cube|rbf|step|def)\s+\S)"
@@ -49,7 +52,7 @@ class Contents:
 
 
 def contents(path: str | Path) -> Contents:
-    """What is in a measurement, calibration, formula or project file, told by its content.
+    """What is in a measurement, calibration, formula, project or training file, told by its content.
 
     Raises `InputError` where there is no such file, or it can be read as none of these.
     """
@@ -58,15 +61,16 @@ def contents(path: str | Path) -> Contents:
         return _measurement(measurement.describe(path))
     kind, head = _sniffed(file)
     if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
-        return _project(file)
+        return _training(file) if is_training(read_toml(file)) else _project(file)
     if recognises_surrogate(head):
         return _surrogate(file)
     if file.suffix.lower() == ".kf":
-        return _formula(file, formulas.read(file))
+        return _formula(file, formulas.read(file, surrogates=formulas.surrogates_beside(file)))
     if kind in _CALIBRATIONS or (kind is Kind.CSV and recognises_dcm(head)):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
-        return _formula(file, formulas.formula(file.read_text(encoding="utf-8-sig"), file.name))
+        text, beside = file.read_text(encoding="utf-8-sig"), formulas.surrogates_beside(file)
+        return _formula(file, formulas.formula(text, file.name, surrogates=beside))
     return _measurement(measurement.describe(path))
 
 
@@ -146,7 +150,31 @@ def _surrogate(file: Path) -> Contents:
     if isinstance(made, DynamicSurrogate):
         as_json |= {"step": made.step, "lags": made.lags, "output_lags": made.output_lags, "stability": made.stability}
     notes = [made.stability] if isinstance(made, DynamicSurrogate) and made.stability else []
-    return Contents(f"{file.name}: a surrogate, {described(made)}", [quality_table(made)], notes, _plain(as_json))
+    ranges = ranges_table(made)
+    as_json["ranges"] = {name: [float(least), float(most)] for name, _, least, most in ranges[1:]}
+    tables = [quality_table(made), ranges]
+    return Contents(f"{file.name}: a surrogate, {described(made)}", tables, notes, _plain(as_json))
+
+
+def _training(file: Path) -> Contents:
+    from kennfeld.project.training import read_training  # which loads all that training needs
+
+    training = read_training(file)
+    settings, given = training.settings, training.data.datasets
+    datasets = [("dataset", "use", "files"), *((d.name, d.use, ", ".join(d.files)) for d in given)]
+    as_json = {
+        "content": "training file",
+        "file": file.name,
+        "name": settings.name,
+        "kind": settings.kind,
+        "inputs": list(settings.inputs),
+        "output": settings.output,
+        "target": training.target.name,
+        "datasets": [{"name": d.name, "use": d.use, "files": list(d.files)} for d in given],
+    }
+    called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
+    summary = f"{file.name}: training file of the {settings.kind} surrogate {called}"
+    return Contents(summary, [datasets], [f"written to {training.target.name}"], as_json)
 
 
 def _formula(file: Path, model: Model) -> Contents:
@@ -157,14 +185,13 @@ def _formula(file: Path, model: Model) -> Contents:
     inputs = [("input", "unit"), *((name, graph.units.get(name, "")) for name in graph.inputs)]
     words = ("scalar", "curve", "map", "cube", "cube")
     kinds = {name: words[axes] if axes < len(words) else "rbf" for name, axes in graph.parameters.items()}
+    kinds |= {surrogate.name: "surrogate" for surrogate in model.surrogates}
     parameters = [("parameter", "kind"), *kinds.items()]
     memory = f", {len(graph.states)} states" if graph.states else ""
     found = events(graph, tuple(graph.parameters))
-    notes = (
-        [f'{listed(found)} when parameters decide: derivatives do not see that, method = "global" does.']
-        if found
-        else []
-    )
+    notes = [f"{surrogate.name}.json: {described(surrogate)}" for surrogate in model.surrogates]
+    if found:
+        notes.append(f'{listed(found)} when parameters decide: derivatives do not see that, method = "global" does.')
     as_json = {
         "content": "formula",
         "file": file.name,
@@ -172,7 +199,8 @@ def _formula(file: Path, model: Model) -> Contents:
         "states": len(graph.states),
         "events": [{"node": event.name, "kind": event.word, "parameters": list(event.parameters)} for event in found],
         "inputs": [{"name": name, "unit": graph.units.get(name, "")} for name in graph.inputs],
-        "parameters": [{"name": name, "kind": words[axes]} for name, axes in graph.parameters.items()],
+        "parameters": [{"name": name, "kind": kind} for name, kind in kinds.items()],
+        "surrogates": [surrogate.name for surrogate in model.surrogates],
         "nodes": [{"name": name, "unit": graph.units.get(name, ""), "output": name in outputs} for name in graph.names],
     }
     summary = f"{file.name}: formula, {len(graph.names)} nodes{memory}"
@@ -191,12 +219,14 @@ def _project(file: Path) -> Contents:
         "name": project.name,
         "model": given.model.file,
         "initial": list(given.calibration.initial),
+        "surrogates": dict(given.surrogates),
         "output": list(project.formats),
         "datasets": [{"name": d.name, "use": d.use, "files": list(d.files)} for d in given.datasets],
         "criteria": [{"node": row[0], "target": row[1]} for row in criteria[1:]],
         "parameters": list(given.parameters),
     }
     notes = [f"start: {', '.join(given.calibration.initial)}"] if given.calibration.initial else []
+    notes += [f"surrogate {name}: {path}" for name, path in given.surrogates.items()]
     summary = f"{file.name}: project {project.name}, function {given.model.file}"
     return Contents(summary, [datasets, criteria, parameters], notes, as_json)
 

@@ -1,10 +1,14 @@
 """What a result leaves open, in a few lines."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from kennfeld.optimize.trust import Trust
 
-__all__ = ["left_open"]
+if TYPE_CHECKING:  # most projects have no surrogates
+    from kennfeld.analysis.leaving import Leaving
+
+__all__ = ["left_data", "left_open"]
 
 MOST = 3  # lines of a kind
 
@@ -23,6 +27,12 @@ def left_open(trust: Trust) -> list[str]:
     ]
 
 
-def _listed(heading: str, found: Sequence[object]) -> list[str]:
-    more = [f"  and {len(found) - MOST} more; see result.json"] if len(found) > MOST else []
+def left_data(found: "Sequence[Leaving]", where: str = "; see result.json") -> list[str]:
+    """The surrogates that are used outside their data, the largest share first; `where` tells of the others."""
+    outside = sorted((row for row in found if row.worst is not None), key=lambda row: -row.share)
+    return _listed("What leaves the data of surrogates:", outside, where)
+
+
+def _listed(heading: str, found: Sequence[object], where: str = "; see result.json") -> list[str]:
+    more = [f"  and {len(found) - MOST} more{where}"] if len(found) > MOST else []
     return [heading, *(f"  {one}" for one in found[:MOST]), *more] if found else []

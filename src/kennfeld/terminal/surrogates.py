@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from kennfeld.surrogate import DynamicSurrogate, Surrogate
 from kennfeld.terminal.table import aligned
 
-__all__ = ["described", "quality_table", "summary"]
+__all__ = ["described", "quality_table", "ranges_table", "summary"]
 
 
 def summary(surrogate: Surrogate) -> list[str]:
@@ -38,4 +38,25 @@ def quality_table(surrogate: Surrogate) -> list[list[str]]:
         [q.dataset, q.use, q.mode, str(q.samples), f"{q.rmse:.4g}", f"{q.r2:.4f}", f"{q.max_abs:.4g}"]
         for q in surrogate.quality
     ]
+    return rows
+
+
+def ranges_table(surrogate: Surrogate) -> list[list[str]]:
+    """A row an input, and for the output that is fed back: between which numbers the training data lie."""
+    rows = [["trained on", "unit", "from", "to"]]
+    validity = surrogate.validity
+    if validity is None:
+        return rows
+    names, lags = [*surrogate.inputs], [1] * len(surrogate.inputs)
+    if isinstance(surrogate, DynamicSurrogate):
+        names = [surrogate.output, *surrogate.inputs]
+        lags = [len(surrogate.output_lags), *map(len, surrogate.lags)]
+    units = dict(zip([*surrogate.inputs, surrogate.output], surrogate.units, strict=False))
+    first = 0
+    for name, count in zip(names, lags, strict=True):
+        part = slice(first, first + count)
+        first += count
+        if count:
+            ends = validity.least[part].min(), validity.most[part].max()
+            rows.append([name, units.get(name, ""), *(f"{end:.6g}" for end in ends)])
     return rows

@@ -68,7 +68,7 @@ def _preparation(
 
 
 def _tables(graph: Graph) -> set[str]:
-    return {node.payload.name for node in graph.nodes if node.op == "interpolate"}
+    return {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion")}
 
 
 def _in_time(sources: Sequence[Source]) -> list[Piece]:

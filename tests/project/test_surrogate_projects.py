@@ -1,0 +1,126 @@
+"""Projects that name data-driven models: what a run says where it leaves the data they were trained on."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kennfeld import cli
+from kennfeld.expansion import Expansion
+from kennfeld.project import Project
+from kennfeld.report import document, from_folder
+from kennfeld.surrogate import StaticSurrogate, Validity, write_surrogate
+
+
+def bench_model(name="bench", validity=True):
+    trained = np.random.default_rng(0).uniform([1000, 10], [3000, 14], (300, 2))
+    bells = Expansion(5.0, [0.001, 0.5], [3.0], [[2000.0, 12.0]], [[600.0, 2.0]])
+    range_ = Validity.around(trained, trained.std(0)) if validity else None
+    return StaticSurrogate(name, ("Speed", "Load"), "Torque", ("rpm", "", "Nm"), bells, range_)
+
+
+@pytest.fixture
+def inside(shop):
+    """A project whose function adds an offset to a surrogate, all within the data of that."""
+    write_surrogate(bench_model("trained"), shop.folder / "bench.json")
+    shop.text = (
+        "input Speed[rpm]\ninput Load\nscalar offset\nscalar shift\nPredict[Nm] = bench(Speed, Load + shift) + offset\n"
+    )
+    shop.change('initial = "start.json"', 'free = ["offset"]')
+    shop.add('[surrogates]\nbench = "bench.json"\n[parameters.offset]\ninitial = 0\n[parameters.shift]\ninitial = 0')
+    return shop
+
+
+@pytest.fixture
+def outside(inside):
+    """The same, and test data of which two samples are far out."""
+    inside.bench("fast.csv", speed=(2000, 7000, 2500, 6000))
+    return inside.add('[[dataset]]\nfiles = ["fast.csv"]\nuse = "test"')
+
+
+SENTENCE = (
+    "bench is used outside the data it was trained on at 2 of 4 samples of fast (50 %), "
+    "worst at sample 2, where Speed is 7000, above 2"
+)
+
+
+def result_of(shop):
+    return json.loads((shop.folder / "results" / "result.json").read_text(encoding="utf-8"))
+
+
+def test_a_calibration_says_where_it_leaves_the_data_of_a_surrogate(outside, capsys):
+    assert cli.run(["calibrate", str(outside.path)]) == 0
+    out = capsys.readouterr().out
+    assert "What leaves the data of surrogates:\n  " + SENTENCE in out
+    bench, fast = result_of(outside)["surrogates"]
+    assert (bench["name"], bench["dataset"], bench["use"], bench["samples"]) == ("bench", "bench", "training", 6)
+    assert (bench["outside"], bench["worst"]) == (0, None)
+    assert (fast["dataset"], fast["outside"], fast["worst"]["sample"], fast["worst"]["input"]) == (
+        "fast",
+        2,
+        2,
+        "Speed",
+    )
+
+
+def test_a_calibration_that_stays_inside_says_nothing_on_the_terminal(inside, capsys):
+    assert cli.run(["calibrate", str(inside.path)]) == 0
+    assert "leaves" not in capsys.readouterr().out
+    assert [row["outside"] for row in result_of(inside)["surrogates"]] == [0]
+
+
+def test_a_project_without_surrogates_has_no_such_key(shop, capsys):
+    assert cli.run(["calibrate", str(shop.path)]) == 0
+    assert "surrogates" not in result_of(shop)
+    assert "surrogate" not in capsys.readouterr().out
+    assert "leaving" not in document(shop.project)
+
+
+def test_a_simulation_says_so_too_with_the_parameters_that_it_is_given(inside, capsys):
+    path = str(inside.path)
+    assert cli.run(["simulate", path]) == 0
+    assert "leaves" not in capsys.readouterr().out
+    inside.write("far.json", '{"shift": {"kind": "scalar", "unit": "", "value": 50.0}}')
+    assert cli.run(["simulate", path, "-p", str(inside.folder / "far.json")]) == 0
+    out = capsys.readouterr().out
+    assert "bench is used outside the data it was trained on at 6 of 6 samples of bench (100 %)" in out
+    assert "where Load is 63, above 1" in out
+
+
+def test_the_report_warns_and_lists_and_can_be_made_again(outside):
+    assert cli.run(["calibrate", str(outside.path)]) == 0
+    report = (outside.folder / "results" / "report.html").read_text(encoding="utf-8")
+    again = from_folder(Project.read(outside.path), outside.folder / "results")
+    for text in (report, again):
+        assert f'<li class="warning">{SENTENCE}' in text
+        assert "train it on data from there, too" in text
+        assert "farthest outside its data" in text
+
+
+def test_the_report_praises_a_surrogate_that_stays_inside(inside):
+    text = document(inside.project, inside.project.calibrate())
+    assert "bench is used within the data it was trained on, at all of 6 samples." in text
+
+
+def test_the_report_on_the_start_says_so_too(outside):
+    assert SENTENCE in document(outside.project)
+
+
+def test_one_without_a_range_is_noted_and_not_counted(inside, capsys):
+    write_surrogate(bench_model(validity=False), inside.folder / "bench.json")
+    assert cli.run(["calibrate", str(inside.path)]) == 0
+    assert "leaves" not in capsys.readouterr().out
+    assert result_of(inside)["surrogates"][0]["outside"] is None
+    assert "bench does not say for which data it holds" in document(inside.project)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("max", "kennfeld.toml [surrogates] max: max is built in. Use another name."),
+        ('"my engine"', "my engine is no name that formula text can call"),
+    ],
+)
+def test_a_name_that_no_formula_can_call_is_reported(inside, name, said):
+    inside.change('bench = "bench.json"', f'bench = "bench.json"\n{name} = "bench.json"')
+    assert any(said in one for one in inside.errors())

@@ -1,0 +1,191 @@
+"""Training files: what they say, and every problem of theirs."""
+
+import numpy as np
+import pytest
+
+from kennfeld import cli
+from kennfeld.errors import InputError
+from kennfeld.project.training import read_training
+from kennfeld.surrogate import read_surrogate
+from kennfeld.surrogate.training import SurrogateSettings
+
+STATIC = """\
+[surrogate]
+inputs = ["n", "Load"]
+output = "Torque"
+starts = 1
+
+[[dataset]]
+files = ["bench.csv"]
+"""
+
+DYNAMIC = """\
+[surrogate]
+kind = "dynamic"
+inputs = ["u"]
+output = "level"
+
+[[dataset]]
+files = ["tank.csv"]
+"""
+
+
+@pytest.fixture
+def training(shop):
+    """Writes a training file, with parts of it replaced."""
+
+    def write(text=STATIC, *changes, name="engine.toml"):
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        shop.write(name, text)
+        return shop.folder / name
+
+    time = np.arange(60) * 1.0
+    u = np.where(time % 20 < 10, 1.0, 0.4)
+    shop.csv("tank.csv", {"time [s]": time, "u": u, "level [m]": np.cumsum(u - 0.7)})
+    return write
+
+
+def problems(path):
+    try:
+        return [str(finding) for finding in read_training(path).check()[1]]
+    except InputError as error:
+        return [str(finding) for finding in error.findings]
+
+
+def the_problem(path):
+    (found,) = problems(path)
+    return found
+
+
+def test_what_a_file_leaves_out_is_as_in_python(training):
+    made = read_training(training(DYNAMIC))
+    assert made.settings == SurrogateSettings("engine", ("u",), "level", kind="dynamic")
+    assert made.target.name == "engine.json"
+    assert read_training(training(DYNAMIC, name="surrogate.toml")).settings.name == "level"
+
+
+def test_every_key_is_read(training):
+    keys = (
+        'name = "tank"\nfile = "t.json"\nmethod = "sparse"\ncentres = 12\nseed = 3\nstarts = 2\nstep = 0.5\n'
+        "lags = { u = [0, 2] }\noutput_lags = [1, 3]\nlongest_lag = 7\nlimits = [0, 10]\nfree_run = false\n"
+        "moves_centres = true\nhold = 0.5\niterations = 4\n"
+    )
+    made = read_training(training(DYNAMIC, ("[[dataset]]", f"{keys}[[dataset]]")))
+    assert made.target.name == "t.json"
+    assert made.settings == SurrogateSettings(
+        *("tank", ("u",), "level", "dynamic", "sparse", 12, 3, 2, 0.5),
+        *({"u": (0, 2)}, (1, 3), 7, (0.0, 10.0), False, True, 0.5, 4),
+    )
+
+
+def test_all_problems_of_a_file_are_found_at_once(training):
+    keys = (
+        'method = "exact"\ncentres = 0\nseed = -1\nstarts = 1.5\nstep = 0\nlags = { v = [-1] }\noutput_lags = [0]\n'
+        'longest_lag = "a"\nlimits = [3, 1]\nfree_run = 1\nhold = -2\niterations = 0\nfile = "no/x.json"\ncolour = 1\n'
+    )
+    found = problems(training(DYNAMIC, ('"level"\n', f'"level"\n{keys}'), ('["u"]', '["u", "level"]')))
+    named = [one.removeprefix("engine.toml [surrogate] ").partition(":")[0] for one in found]
+    assert sorted(named) == sorted(
+        [
+            *("output", "method", "centres", "seed", "starts", "step", "lags v", "lags v", "lags u", "lags level"),
+            *("output_lags", "longest_lag", "limits", "free_run", "hold", "iterations", "file", "colour"),
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('["n", "Load"]', "[]", "engine.toml [surrogate] inputs: the list is empty"),
+        ('"Torque"\n', '"n"\n', "engine.toml [surrogate] output: n is one of the inputs too"),
+        ("starts = 1", "hold = 1", 'hold has no meaning for a static surrogate. Write kind = "dynamic", or remove it.'),
+        ("starts = 1", 'file = "engine.toml"', "engine.toml is this training file itself"),
+        ("starts = 1", 'file = "."', "file: . is a folder"),
+        ('["bench.csv"]\n', '["bench.csv"]\nweight_channel = "n"', "1 weight_channel: weight_channel has no meaning"),
+        ('["bench.csv"]\n', '["bench.csv"]\nshift = { n = "auto" }', "Write the shift as a number."),
+        ('["bench.csv"]\n', '["bench.csv"]\nuse = "test"', "no dataset is for training"),
+        ('"bench.csv"', '"bnch.csv"', "Did you mean bench.csv?"),
+        ('"Load"', '"Laod"', "bench.csv: has no channel Laod, an input of the surrogate"),
+        ("[surrogate]", "[modle]\n[surrogate]", "is no section that a training file knows"),
+    ],
+)
+def test_a_problem_is_named_with_its_place_and_its_mend(training, old, new, said):
+    assert said in the_problem(training(STATIC, (old, new)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('["u"]\n', '["u"]\nlags = { u = [] }\n', "lags u: [] must be whole numbers of samples from 0 on"),
+        ('["u"]\n', '["u"]\nlags = "all"\n', "lags: 'all' is no table"),
+        ('["u"]\n', '["u"]\noutput_lags = []\n', "output_lags: [] must be whole numbers of samples from 1 on"),
+        ('"tank.csv"', '"bench.csv"', "has no channel"),
+    ],
+)
+def test_a_problem_of_a_dynamic_one(training, old, new, said):
+    assert any(said in one for one in problems(training(DYNAMIC, (old, new))))
+
+
+def test_a_channel_that_never_changes_teaches_nothing(training, shop):
+    shop.bench("bench.csv", Load=np.full(6, 12.0))
+    assert the_problem(training()).startswith("engine.toml [surrogate]: channel Load is 12 in all training data")
+
+
+def test_a_dynamic_one_needs_time_and_pieces_without_gaps(training, shop):
+    shop.csv("tank.csv", {"u": np.arange(9), "level": np.arange(9)})
+    assert "needs time stamps" in the_problem(training(DYNAMIC))
+    level = np.where(np.arange(20) % 4 == 0, np.nan, np.arange(20))
+    shop.csv("tank.csv", {"time [s]": np.arange(20), "u": np.arange(20), "level": level})
+    assert "no piece without gaps that is long enough" in the_problem(training(DYNAMIC))
+
+
+def test_check_says_that_it_is_a_training_file(training, capsys):
+    path = training()
+    assert cli.run(["check", str(path)]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [
+        f"{path}: a training file, no problem found",
+        "static surrogate Torque = engine(n, Load); 6 training samples in bench",
+        f"Next: kennfeld surrogate train {path}",
+    ]
+    assert err == ""
+    assert not (path.parent / "engine.json").exists()
+
+
+def test_check_gives_problems_of_file_and_data_on_stderr(training, capsys):
+    assert cli.run(["check", str(training(STATIC, ('"bench.csv"', '"bnch.csv"')))]) == 2
+    assert capsys.readouterr().err.startswith("engine.toml [[dataset]] 1 files: bnch.csv matches no file")
+    assert cli.run(["check", str(training(STATIC, ("starts = 1", "starts = 0")))]) == 2
+    assert "starts: 0 must be a whole number" in capsys.readouterr().err
+
+
+def test_what_check_accepts_can_be_trained_and_looked_at(training, shop, capsys):
+    shop.bench("bench.csv", speed=np.linspace(1000, 3000, 30))
+    path = training()
+    assert cli.run(["check", str(path)]) == 0
+    assert cli.run(["surrogate", "train", str(path)]) == 0
+    assert read_surrogate(shop.folder / "engine.json").inputs == ("n", "Load")
+    capsys.readouterr()
+    assert cli.run(["info", str(shop.folder / "engine.json")]) == 0
+    assert "n           rpm   1000  3000" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["calibrate", "simulate", "report"])
+def test_other_commands_say_what_it_is(training, capsys, command):
+    assert cli.run([command, str(training())]) == 2
+    said = "engine.toml: this is a training file, no project. Run `kennfeld surrogate train`.\n"
+    assert capsys.readouterr().err == said
+
+
+def test_a_project_is_no_training_file(shop, capsys):
+    assert cli.run(["surrogate", "train", str(shop.path)]) == 2
+    assert capsys.readouterr().err == "kennfeld.toml: this is a project, no training file. Run `kennfeld calibrate`.\n"
+
+
+def test_info_shows_what_it_says(training, capsys):
+    assert cli.run(["info", str(training())]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("engine.toml: training file of the static surrogate Torque = engine(n, Load)\n")
+    assert "bench.csv" in out
