@@ -1,7 +1,8 @@
 """The examples, and what README and documents show, work as written.
 
 In a document the language of a block says what is done with it: `sh` lines that begin with `kennfeld` are run,
-`python` is run from top to bottom, `kf` is read as formula text, and `toml` with a `[model]` as a project file.
+`python` is run from top to bottom, `kf` is read as formula text, `toml` with a `[model]` as a project file and with a
+`[surrogate]` as a training file; one that begins with `# NAME.toml` is there when the `sh` lines run.
 Documents run in the folder of the torque demo, README in that of the example it shows.
 """
 
@@ -17,6 +18,7 @@ import pytest
 
 from kennfeld import Project, cli, formula
 from kennfeld.project.demo import write
+from kennfeld.project.training import read_training
 
 ROOT = Path(__file__).parents[1]
 PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))
@@ -73,6 +75,9 @@ def test_commands_shown_work(document, workplace):
         return
     folder = workplace(document)
     (folder / "results").mkdir()
+    for text in blocks(document, "toml"):
+        if named := re.match(r"# (\w+\.toml)\n", text):
+            (folder / named[1]).write_text(text, encoding="utf-8")
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
     for line in lines:
@@ -96,7 +101,7 @@ def test_formulas_shown_can_be_read(document):
 
 
 @by_name
-def test_project_files_shown_are_right(document, workplace):
+def test_project_files_shown_are_right(document, workplace, tmp_path):
     for text in blocks(document, "toml"):
         assert tomllib.loads(text)
         if "[model]" in text:
@@ -104,6 +109,9 @@ def test_project_files_shown_are_right(document, workplace):
             (folder / "shown.toml").write_text(text, encoding="utf-8")
             errors = [str(f) for f in Project.read("shown.toml").check() if f.severity == "error"]
             assert errors == []
+        if "[surrogate]" in text:
+            (tmp_path / "shown.toml").write_text(text, encoding="utf-8")
+            assert read_training(tmp_path / "shown.toml").settings
 
 
 @by_name
