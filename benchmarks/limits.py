@@ -11,7 +11,7 @@ from benchmarks.table import Table, seconds
 __all__ = ["run", "solve"]
 
 REPEATS = 5
-SIDES = (40, 60)  # percentiles of the slopes of the fit without limits, which become their limits
+SIDES = (44, 56)  # percentiles of the slopes of the fit without limits, which become their limits
 
 
 def solve(limited: bool) -> dict[str, Any]:

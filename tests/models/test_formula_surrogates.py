@@ -113,6 +113,18 @@ def test_the_text_of_such_a_graph_reads_back():
     assert formula(to_text(graph)).graph == graph
 
 
+def test_the_step_of_the_data_must_be_its_own():
+    model = formula("n = engine(a, b)", surrogates=[engine()])
+    u, _ = recording(20)
+    columns = {"a": u[:, 0], "b": u[:, 1]}
+    with pytest.raises(InputError, match=r"engine was trained at steps of 0\.02 s, and dataset d has one of 0\.1 s"):
+        kf.simulate(model, kf.Dataset.of("d", columns, time=0.1 * np.arange(20)), {})
+    with pytest.raises(InputError, match="engine runs in time, but dataset d has no time stamps"):
+        kf.simulate(model, kf.Dataset.of("d", columns), {})
+    pieces = kf.Dataset.of("d", columns, time=[0.02 * k + (k >= 10) for k in range(20)], starts=[0, 10])
+    assert kf.simulate(model, pieces, {})["n"].values.size == 20
+
+
 @pytest.mark.parametrize("text", ["y = F(x, z) + k", "y = k * F(x, z)", "y = k * prev(F(x, z), 0)"])
 def test_one_that_depends_on_the_data_alone_is_computed_before_the_fit(text):
     surrogate = StaticSurrogate("F", ("x", "z"), "y", (), expansion(2))
