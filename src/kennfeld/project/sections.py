@@ -83,7 +83,6 @@ def _model(root: Section) -> ModelEntry:
 
 def read_datasets(root: Section) -> tuple[DatasetEntry, ...]:
     """The entries of `[[dataset]]`, of which there has to be one."""
-    """The entries of `[[dataset]]`; there has to be one."""
     sections = root.sections("dataset")
     if not sections and "dataset" not in root.values:
         root.report("[[dataset]]", "the section is missing", 'Write [[dataset]] and files = ["..."].')
