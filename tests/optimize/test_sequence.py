@@ -1,5 +1,7 @@
 """Sequences of steps, from the problem of one step to what comes out at the end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,14 @@ def test_an_equality_counts_what_a_step_holds_as_it_stands():
     assert standing(stepped(given, Step())).constraints == (sums, shape)
     assert standing(stepped(given, Step(free=["C"]))).constraints == (Equality([Term("C", (0.75,), 2.0)], 1.8), shape)
     assert standing(stepped(given, Step(free=["k"]))).constraints == (Equality([Term("k", (), -1.0)], -1.7),)
+
+
+def test_another_weight_leaves_all_else_of_a_criterion():
+    regions = [kf.Region("q > 1", 4.0)]
+    own = kf.Criterion("m", "y", 3.0, "huber", 0.5, 2.0, weight_channel="q", regions=regions)
+    given = problem()
+    (made,) = stepped(replace(given, criteria=(own,)), Step(criteria={"m": 7.0})).criteria
+    assert made == replace(own, weight=7.0)
 
 
 @pytest.mark.parametrize(

@@ -204,13 +204,8 @@ def _active(
         keys = [key for key in (number, criterion.node) if key in weights]
         if keys:
             weight = weights[keys[0]]
-            found.append(criterion if weight is None else _weighted(criterion, weight))
+            found.append(criterion if weight is None else replace(criterion, weight=weight))
     return tuple(c for c in found if c.weight > 0)
-
-
-def _weighted(criterion: Criterion, weight: float) -> Criterion:
-    """The criterion with another weight."""
-    return Criterion(criterion.node, criterion.target, weight, criterion.loss, criterion.delta, criterion.scale)
 
 
 def unusable(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
