@@ -264,7 +264,7 @@ class Names:
         if known is None or name in known or name in self.declared:
             return True
         what = f"{name} is no parameter of {self.around.owner}" if known else f"{name} is no function"
-        mend = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions])
+        mend = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
         self._report(owner, call.at, what, mend)
         return False
 
