@@ -22,7 +22,7 @@ from kennfeld.optimize.data.binding import bind
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
-from kennfeld.optimize.limits.output_limits import check_limits
+from kennfeld.optimize.limits.sides import check_limits
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes

@@ -16,6 +16,7 @@ from kennfeld.optimize.free_axes.breakpoints import left_behind, told
 from kennfeld.optimize.free_axes.placing import Placing, coarse
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.multipliers import descend_within
 from kennfeld.optimize.limits.output_limits import OutputLimits
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
@@ -224,7 +225,9 @@ class Run:
         ends = [end]
         for at in (end.values, start):
             ends.append(
-                outputs.descend(self.objective, at, limits, self.options.settings, self.parameters, self._report)
+                descend_within(
+                    outputs, self.objective, at, limits, self.options.settings, self.parameters, self._report
+                )
             )
             if ends[-1].status != "infeasible":
                 break

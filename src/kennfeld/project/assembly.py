@@ -11,8 +11,8 @@ from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.data.surrogate_step import step_findings
-from kennfeld.optimize.limits.output_limits import channels_of, check_limits
 from kennfeld.optimize.limits.projection import infeasible
+from kennfeld.optimize.limits.sides import channels_of, check_limits
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.axes import Axes
 from kennfeld.project.calculated import Calculated, read_calculated, uses_clock

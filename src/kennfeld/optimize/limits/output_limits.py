@@ -2,124 +2,32 @@
 
 Each side of a limit is one more criterion with a loss of what exceeds it, squared. Its target is lowered, sample by
 sample, by the multiplier over twice the weight: where a limit presses, the fit is pushed back until it holds. No rows
-are stored, so a limit costs what a criterion costs, over any number of samples and with states.
-M. Hestenes, Multiplier and gradient methods, 1969; J. Nocedal and S. Wright, Numerical Optimization, chapter 17.
+are stored, so a limit costs what a criterion costs, over any number of samples and with states. How the multipliers are
+found is in `multipliers.py`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError, nearest
-from kennfeld.graph.lowering import dependent
+from kennfeld.errors import InputError
 from kennfeld.models import Model
-from kennfeld.models.formula import extend
 from kennfeld.native.rows import Order
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import Bound
-from kennfeld.optimize.limits.constraints import Limit
-from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.sides import Side, check_limits, sides_of, with_sides
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.scoring import Nodes
-from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["OutputLimits", "Side", "Touched", "channels_of", "check_limits"]
+__all__ = ["FEASIBLE", "OutputLimits", "Touched"]
 
 FEASIBLE = 1e-6  # of a limit's scale: what counts as kept
-TIGHT = 1e-6  # share of the cost that a better choice of multipliers might still save
-ROUNDS = 40  # updates of the multipliers
-STUBBORN = 0.25  # share of the excess that may be left after a round before the weight grows
-HEAVIER = 10.0
 NEAR = 1e-4  # of a limit's scale: what counts as met, as the multipliers leave little more
 MOST = 400  # samples at which limits are linearised
-HEAVIEST = 1e12  # times the first weight: beyond, the limits cannot be met
-
-Report = Callable[[str, Iteration, Float], None]
-
-
-@dataclass(frozen=True)
-class Side:
-    """One side of a limit: `node`, made to be kept at or below `bound`."""
-
-    limit: Limit
-    number: int
-    sign: int
-
-    @property
-    def node(self) -> str:
-        """A node that no formula text can name."""
-        return f"\0limit {self.number} {'above' if self.sign > 0 else 'below'}"
-
-    @property
-    def where(self) -> str:
-        """The node of the condition."""
-        return f"\0limit {self.number} where"
-
-    @property
-    def bound(self) -> float:
-        """What the node shall not exceed."""
-        return self.limit.upper if self.sign > 0 else -self.limit.lower
-
-    def __str__(self) -> str:
-        sign, bound = ("<=", self.limit.upper) if self.sign > 0 else (">=", self.limit.lower)
-        return f"{self.limit.node} {sign} {bound:g}"
-
-
-def _sides(limits: Sequence[Limit]) -> tuple[Side, ...]:
-    """The sides that bound something."""
-    sides = [Side(limit, number, sign) for number, limit in enumerate(limits, 1) for sign in (1, -1)]
-    return tuple(side for side in sides if np.isfinite(side.bound))
-
-
-def _extended(model: Model, limits: Sequence[Limit]) -> Model:
-    """The model with a node for each side and each condition; raises `InputError` with all that is wrong."""
-    texts: dict[str, str] = {}
-    for side in _sides(limits):
-        texts[side.node] = side.limit.node if side.sign > 0 else f"-({side.limit.node})"
-        if side.limit.where:
-            texts[side.where] = side.limit.where
-    return extend(model, texts, "limit")
-
-
-def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:
-    """The names in limits that are no names of the model: inputs that only the limits read."""
-    try:
-        inputs = _extended(model, limits).graph.inputs
-    except InputError:
-        return []
-    return [name for name in inputs if name not in model.graph.inputs]
-
-
-def check_limits(problem: Problem) -> list[Finding]:
-    """What is wrong with the limits of a problem."""
-    try:
-        model = _extended(problem.model, problem.limits)
-    except InputError as error:
-        return list(error.findings)
-    graph = model.graph
-    live = dependent(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
-    unknown = channels_of(problem.model, problem.limits)
-
-    def mend(name: str, data: Dataset) -> str:
-        return nearest(name, [*problem.model.graph.names, *problem.parameters, *data])
-
-    findings = [
-        Finding("limit", f"{name} is no node of the function and no channel of dataset {data.name}", mend(name, data))
-        for name in unknown
-        for data in problem.datasets
-        if data.use == "training" and problem.channels.get(name, name) not in data
-    ]
-    findings += [
-        Finding(f"limit {side}", f"its condition {side.limit.where} depends on a free parameter", "Use channels alone.")
-        for side in _sides(problem.limits)
-        if side.limit.where and graph.names[side.where] in live
-    ]
-    return findings
 
 
 @dataclass(frozen=True)
@@ -156,8 +64,8 @@ class OutputLimits:
         findings = check_limits(problem)
         if findings:
             raise InputError(findings)
-        self._sides = _sides(problem.limits)
-        model = _extended(problem.model, problem.limits)
+        self._sides = sides_of(problem.limits)
+        model = with_sides(problem.model, problem.limits)
         self._problem = replace(problem, model=model, limits=())
         self._bounds = self._problem.gathered
         names = [side.node for side in self._sides]
@@ -280,23 +188,11 @@ class OutputLimits:
         self._penalised.reread_targets()
         return rows
 
-    def descend(
-        self,
-        objective: SumOfSquares,
-        start: Float,
-        limits: Limits,
-        settings: Settings,
-        parameters_of: Callable[[Float], ParameterSet],
-        report: Report,
-    ) -> Descent:
-        """The best values that keep the limits, from `start`; `objective` is the cost without limits.
-
-        Status `infeasible` where no values were found that keep them.
-        """
+    def reset(self) -> None:
+        """Forget all multipliers."""
         self._shifts = [np.zeros(mask.shape) for mask in self._masks]
         self._aim()
         self._penalised.reread_targets()
-        return _Rounds(self, objective, limits, settings, parameters_of, report).run(start)
 
     def _compiled(self) -> Compiled:
         """The problem with a criterion for each side, whose weight is one over the square of the side's scale."""
@@ -348,70 +244,3 @@ def _visits(order: Order | None, samples: Int) -> Int:
         return samples
     sorter = np.argsort(order)
     return np.asarray(sorter[np.searchsorted(order, samples, sorter=sorter)])
-
-
-class _Rounds:
-    """The outer iteration: descend, look how far the limits are exceeded, press harder there."""
-
-    def __init__(
-        self,
-        limits: OutputLimits,
-        objective: SumOfSquares,
-        linear: Limits,
-        settings: Settings,
-        parameters_of: Callable[[Float], ParameterSet],
-        report: Report,
-    ) -> None:
-        self.limits, self.objective, self.linear, self.settings = limits, objective, linear, settings
-        self.parameters_of, self.report = parameters_of, report
-        self.iterations = self.evaluations = 0
-
-    def run(self, start: Float) -> Descent:
-        at = start
-        excess = self.limits.excess(self.parameters_of(at))
-        weight = first = self._weight(at, excess)
-        penalised = self.limits.penalised(weight)
-        before = self.limits.largest(excess)
-        for number in range(1, ROUNDS + 1):
-            found = gauss_newton(penalised, at, self.linear, self.settings, self._told(number))
-            self.iterations += found.iterations
-            self.evaluations += found.evaluations
-            at = found.values
-            excess = self.limits.excess(self.parameters_of(at))
-            worst = self.limits.largest(excess)
-            if found.status in ("stopped", "failed"):
-                return self._end(found, at)
-            slow = worst > FEASIBLE and worst > STUBBORN * max(before, 0.0)
-            heavier = HEAVIER if slow else 1.0
-            gap = weight * self.limits.press(excess, heavier)
-            if worst <= FEASIBLE and gap <= TIGHT * self.objective.cost(at):
-                return self._end(found, at)
-            if slow:
-                weight *= HEAVIER
-                if weight > HEAVIEST * first:
-                    break
-                penalised = self.limits.penalised(weight)
-            before = worst
-        return self._infeasible(at, found)
-
-    def _weight(self, at: Float, excess: Sequence[Float]) -> float:
-        """A first weight at which the cost and the excess pull alike."""
-        total = sum(self.limits.squares(excess))
-        cost = self.objective.cost(at)
-        return max(cost, 1e-300) / total if total > 0 and np.isfinite(cost) else max(cost, 1.0)
-
-    def _told(self, number: int) -> Callable[[Iteration, Float], None]:
-        def tell(line: Iteration, values: Float) -> None:
-            self.report(f"limits {number}", replace(line, cost=self.objective.cost(values)), values)
-
-        return tell
-
-    def _end(self, found: Descent, at: Float) -> Descent:
-        cost = self.objective.cost(at)
-        return replace(found, values=at, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
-
-    def _infeasible(self, at: Float, found: Descent) -> Descent:
-        if self.limits.kept(self.parameters_of(at)):
-            return self._end(found, at)
-        message = f"The limits of outputs cannot all be kept: {self.limits.told(self.parameters_of(at))}."
-        return replace(self._end(found, at), status="infeasible", message=message)

@@ -11,6 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.limits.multipliers import descend_within
 from kennfeld.optimize.limits.output_limits import FEASIBLE, OutputLimits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.search.global_search import GlobalSettings, Report, global_search
@@ -53,7 +54,9 @@ class FeasibleFirst:
         """The better of the end of a search and a descent from there, both within the limits of outputs."""
         if found.status in ("stopped", "failed") or not self._outputs.kept(self._parameters_of(found.values)):
             return found
-        end = self._outputs.descend(self._objective, found.values, limits, settings, self._parameters_of, report)
+        end = descend_within(
+            self._outputs, self._objective, found.values, limits, settings, self._parameters_of, report
+        )
         effort = {name: getattr(found, name) + getattr(end, name) for name in ("iterations", "evaluations")}
         lower = end.cost < found.cost and self._outputs.kept(self._parameters_of(end.values))
         best = replace(found, values=end.values, cost=end.cost) if lower else found

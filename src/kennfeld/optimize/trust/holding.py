@@ -10,7 +10,7 @@ from kennfeld.graph.free_axes import AxisKey, FreeAxis
 from kennfeld.native import Values
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.free_axes.breakpoints import touching_pairs
-from kennfeld.optimize.limits.output_limits import Side
+from kennfeld.optimize.limits.sides import Side
 from kennfeld.optimize.trust.pressing import Pressed
 
 __all__ = ["Holding", "distances", "outputs_held"]
