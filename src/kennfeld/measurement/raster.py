@@ -41,8 +41,10 @@ def is_stepped(values: Float) -> bool:
     return levels <= _LEVELS and valid.size >= 4 * levels
 
 
-def resample(time: Float, values: Float, at: Float) -> Float:
+def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float:
     """The channel at other times: linear between valid samples, held where it is stepped, NaN outside them.
+
+    `held` says that it is stepped; otherwise its values tell.
 
     Where it pauses, for more than `PAUSE` of its usual steps, what is not stepped is NaN: nothing is known there.
 
@@ -54,7 +56,7 @@ def resample(time: Float, values: Float, at: Float) -> Float:
         return np.full(at.shape, np.nan)
     stamps, known = time[valid], values[valid]
     exact = _snapped(stamps, at)
-    if not is_stepped(known):
+    if not (held or is_stepped(known)):
         found = np.interp(exact, stamps, known, left=np.nan, right=np.nan)
         return np.where(_in_pause(stamps, exact), np.nan, found)
     before = np.searchsorted(stamps, exact, side="right") - 1
