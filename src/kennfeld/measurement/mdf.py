@@ -1,7 +1,10 @@
 """Reads MDF files of versions 2 to 4, one table for each channel group."""
 
+import gc
 import logging
 import math
+import sys
+import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -26,6 +29,8 @@ _AT_ONCE = 50_000_000  # values that a description holds at one time
 _MOST = 500_000_000  # values of all channels asked for, 4 GB
 _PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
+_VIRTUAL_4 = (3, 6)  # channels without bits in the record
+_MARKED_4 = 2  # flag: the record says which values are invalid
 _TEXTS_SAID = 12
 
 
@@ -101,25 +106,64 @@ def _opened(source: Source) -> Iterator[Any]:
 
             with MDF(source.path) as file:
                 file.configure(raise_on_multiple_occurrences=False)
-                _check_sizes(source, file)
+                _check_layout(source, file)
                 yield file
-        except (InputError, GeneratorExit):
+        except InputError:
             raise
         except Exception as error:  # of many kinds: the library trusts what it reads
             said = " ".join(str(error).split())[:160] or type(error).__name__
-            what = f"the MDF file is damaged, cut off or encrypted ({said})"
-            raise InputError.of(source.name, what, "Copy or export it anew.") from None
+            _discard(error)
+        else:
+            return
+    what = f"the MDF file is damaged, cut off or encrypted ({said})"
+    raise InputError.of(source.name, what, "Copy or export it anew.")
 
 
-def _check_sizes(source: Source, file: Any) -> None:
-    """A number of samples that no file of this size can hold is damage, not a request for memory."""
-    possible = _PACKING * source.size
-    for index in range(len(file.groups)):
+def _discard(error: Exception) -> None:
+    """Free the half-made reader that an error holds: it fails once more where nobody can catch it."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+
+
+def _check_layout(source: Source, file: Any) -> None:
+    """Refuse more samples than a file of this size can hold, and channels that lie outside their records.
+
+    The library would ask for that memory, and read beyond its own.
+    """
+    for index, group in enumerate(file.groups):
         samples = _samples(file, index)
-        size = max(int(file.groups[index].channel_group.samples_byte_nr), 1)
-        if samples * size > possible:
-            what = f"{_label(file, index)} claims {samples} samples, more than this file can hold"
-            raise InputError.of(source.name, f"the MDF file is damaged: {what}", "Copy or export it anew.")
+        size, invalid = _record_sizes(group.channel_group)
+        wrong = ""
+        if samples * max(size, 1) > _PACKING * source.size:
+            wrong = f"claims {samples} samples, more than this file can hold"
+        elif samples:
+            outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
+            name = next(outside, None)
+            wrong = "" if name is None else f"has a channel {name[:60]} that lies outside its records of {size} bytes"
+        if wrong:
+            what = f"the MDF file is damaged: {_label(file, index)} {wrong}"
+            raise InputError.of(source.name, what, "Copy or export it anew.")
+
+
+def _record_sizes(group: Any) -> tuple[int, int]:
+    """Bytes of a record, and of its marks of invalid values."""
+    return int(group.samples_byte_nr), int(getattr(group, "invalidation_bytes_nr", 0))
+
+
+def _lies_within(channel: Any, size: int, invalid: int, version: str) -> bool:
+    """Whether the bits of a channel are bits of the record."""
+    if version < "4":
+        begin = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0)
+        return bool(begin + channel.bit_count <= 8 * size)
+    if channel.channel_type in _VIRTUAL_4:
+        return True
+    if invalid and channel.flags & _MARKED_4 and channel.pos_invalidation_bit >= 8 * invalid:
+        return False
+    return bool(8 * channel.byte_offset + channel.bit_offset + channel.bit_count <= 8 * size)
 
 
 def _samples(file: Any, group: int) -> int:
@@ -230,7 +274,7 @@ def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, .
     group = own[0].group
     signals = _signals(file, own)
     count = len(signals[0].timestamps)
-    clock = _clock(file, group, np.asarray(signals[0].timestamps, dtype=np.float64))
+    clock = _clock(file, group, _valid(signals[0].timestamps, None))
     columns = [
         column
         for entry, signal in zip(own, signals, strict=True)
@@ -310,7 +354,7 @@ def _valid(samples: Any, invalid: Any) -> Float:
     values = np.array(samples, dtype=np.float64)
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
-    values[np.isinf(values)] = np.nan
+    values[~np.isfinite(values)] = np.nan  # a NaN that signals would set off warnings later
     return values
 
 
