@@ -288,7 +288,7 @@ def test_a_count_of_samples_beyond_the_file_is_refused(mdf):
     assert content[channels : channels + 4] == b"##CG"
     struct.pack_into("<Q", content, channels + 24 + 8 * 6 + 8, 10**12)
     path.write_bytes(content)
-    with pytest.raises(InputError, match="claims 1000000000000 samples"):
+    with pytest.raises(InputError, match="claims 1000000000000 samples of 16 bytes"):
         read(path)
 
 
@@ -332,10 +332,7 @@ def test_real_rasters_equal_what_the_library_interpolates(real):
     with MDF(path) as file:
         for name in names:
             found = file.get(name)
-            mode = 1 if found.samples.dtype.kind == "f" else 0
-            expected = found.interp(data.time, integer_interpolation_mode=mode, float_interpolation_mode=1)
-            shown = data[name].values
-            known = np.isfinite(shown)
-            assert known.mean() > 0.9
-            if name.endswith("FLOAT64.IDENTICAL"):
-                np.testing.assert_allclose(shown[known], expected.samples[known], rtol=1e-9, atol=1e-9)
+            expected = found.interp(data.time, integer_interpolation_mode=0, float_interpolation_mode=1)
+            assert not np.isnan(data[name].values).any()
+            # a point within 1 ns of a stamp is that sample here, and the one before it there
+            assert np.isclose(data[name].values, expected.samples, atol=1e-5).mean() > 0.99

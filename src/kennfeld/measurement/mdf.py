@@ -138,8 +138,8 @@ def _check_layout(source: Source, file: Any) -> None:
         samples = _samples(file, index)
         size, invalid = _record_sizes(group.channel_group)
         wrong = ""
-        if samples * max(size, 1) > _PACKING * source.size:
-            wrong = f"claims {samples} samples, more than this file can hold"
+        if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
+            wrong = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
         elif samples:
             outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
             name = next(outside, None)
@@ -171,11 +171,11 @@ def _samples(file: Any, group: int) -> int:
 
 
 def _label(file: Any, group: int) -> str:
-    """What messages and names call a group: its name, in old files its comment, else its number."""
+    """What messages and names call a group: its name, else its comment, else its number."""
     found = file.groups[group].channel_group
-    said = getattr(found, "acq_name", "") or (found.comment if file.version < "4" else "") or ""
-    lines = str(said).split("\n")[0].split()
-    return " ".join(lines)[:60] or f"group {group + 1}"
+    said = str(getattr(found, "acq_name", "") or found.comment or "").strip().split("\n")[0]
+    said = "" if said.startswith("<") else " ".join(said.split())[:60]
+    return said or f"group {group + 1}"
 
 
 def _entries(file: Any) -> list[_Entry]:
