@@ -9,7 +9,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.cells import shown
 from kennfeld.measurement.columns import Column, Selection, Table, capped, text_findings
-from kennfeld.measurement.raster import grid, resample, samples_on
+from kennfeld.measurement.raster import grid, resample_all, samples_on
 from kennfeld.measurement.timing import find_time, merge, seconds, time_findings
 
 __all__ = ["assemble", "checked", "frozen"]
@@ -25,10 +25,7 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
     stamps, values = merge(seconds(time), [c.values for c in channels])
     if raster is not None:
         even = grid(stamps, raster)
-        stamps, values = (
-            even,
-            [resample(stamps, column, even, c.held) for c, column in zip(channels, values, strict=True)],
-        )
+        stamps, values = even, resample_all(stamps, values, even, [c.held for c in channels])
     made = (Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(channels, values, strict=True))
     return Dataset(name, tuple(made), frozen(stamps))
 

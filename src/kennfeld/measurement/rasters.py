@@ -9,7 +9,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.assemble import assemble, checked, frozen
 from kennfeld.measurement.columns import Column, Selection, Table
-from kennfeld.measurement.raster import grid, resample
+from kennfeld.measurement.raster import grid, resample_all
 from kennfeld.measurement.timing import SAME, merge, seconds
 
 __all__ = ["join"]
@@ -34,11 +34,10 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
         raise InputError.of(place, f"the channels have different rasters: {_rasters(groups)}", _raster_mend(groups))
     if raster is not None:
         stamps = _shared(place, groups, raster)
-    channels = []
+    channels: list[Channel] = []
     for _, time, columns, values in groups:
-        for column, recorded in zip(columns, values, strict=True):
-            found = recorded if raster is None else resample(time, recorded, stamps, column.held)
-            channels.append(Channel(column.name, frozen(found), column.unit, column.description))
+        found = values if raster is None else resample_all(time, values, stamps, [c.held for c in columns])
+        channels += [Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)]
     return Dataset(name, tuple(channels), frozen(stamps))
 
 
