@@ -248,10 +248,17 @@ def test_a_long_description_is_made_in_parts(mdf, monkeypatch):
 def test_an_unfinalized_file_is_read_to_its_end(mdf):
     path = mdf(*fast_and_slow())
     content = bytearray(path.read_bytes())
+    (data_group,) = struct.unpack_from("<Q", content, 64 + 24)
+    (group,) = struct.unpack_from("<Q", content, data_group + 32)
+    struct.pack_into("<Q", content, group + 24 + 8 * 6 + 8, 0)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="no channel Speed"):
+        read(path, ["Speed"])
     content[:8] = b"UnFinMF "
-    content[60:62] = struct.pack("<H", 1)  # the counts of samples are to be made from the data
+    content[60:62] = struct.pack("<H", 1)  # says that the counts of samples are still to be made from the data
     path.write_bytes(content)
     assert read(path, ["Speed"]).samples == 201
+    assert path.read_bytes() == content
 
 
 def test_files_without_samples_say_so(mdf):
@@ -293,7 +300,7 @@ def test_a_count_of_samples_beyond_the_file_is_refused(mdf):
 
 
 @pytest.mark.parametrize(("version", "compression"), [("3.30", 0), ("4.10", 0), ("4.10", 2)])
-def test_mutated_files_are_read_or_refused(mdf, version, compression):
+def test_mutated_files_are_read_or_refused(mdf, version, compression, capfd):
     states = signal("State", np.arange(6.0), np.array([0, 1, 2, 1, 0, 7], np.uint8), conversion=dict(TEXTS))
     path = mdf(*fast_and_slow(), ("states", [states]), version=version, compression=compression)
     content, dice = path.read_bytes(), random.Random(f"{version} {compression}")
@@ -307,6 +314,7 @@ def test_mutated_files_are_read_or_refused(mdf, version, compression):
         for look in (describe, lambda p: read(p, raster=0.1)):
             with contextlib.suppress(InputError):
                 look(path)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -8,8 +8,9 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ def _opened(source: Source) -> Iterator[Any]:
     check_links(source.path)
     # the library's logger speaks of what becomes a finding here
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), redirect_stdout(StringIO()):  # it prints what it stumbles over, too
         warnings.simplefilter("ignore")
         try:
             from asammdf import MDF
