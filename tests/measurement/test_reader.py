@@ -18,8 +18,8 @@ def test_the_face_is_pinned():
 @pytest.mark.parametrize(
     ("content", "kind"),
     [
-        (b"MDF     4.10    ", "an MDF file"),
-        (b"UnFinMF 4.10    ", "an MDF file"),
+        (b"MDF     4.10    ", "the MDF file is cut off"),
+        (b"UnFinMF 4.10    ", "the MDF file is cut off"),
         (b"MLVLG\0\0\1", "an MLG"),
         (b"MATLAB 5.0 MAT-file", "a MATLAB data file"),
         (b"\x89HDF\r\n\x1a\n", "an HDF5"),

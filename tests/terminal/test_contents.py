@@ -1,4 +1,5 @@
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -26,6 +27,24 @@ def test_a_recording_tells_its_time_and_what_is_left_out(written):
     assert "time from 0 s to 0.2 s, a sample every 0.1 s" in text
     assert "columns without numbers: note" in text
     assert "33.3%" in text
+
+
+def test_a_recording_of_several_rasters_tells_each(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from asammdf import MDF, Signal
+
+        with MDF(version="4.10") as file:
+            for label, step in (("10ms", 0.01), ("1s", 1.0)):
+                time = np.arange(5) * step
+                states = Signal((time > 0).astype(np.uint8), time, name="on", conversion={"val_0": 0, "text_0": "off"})
+                file.append([Signal(time, time, name=f"Speed{label}", unit="rpm"), states], comment=label)
+            file.save(tmp_path / "drive.mf4")
+    text = "\n".join(contents(tmp_path / "drive.mf4").lines())
+    assert "channel in 10ms" in text
+    assert "1s: time from 0 s to 4 s, a sample every 1 s" in text
+    assert "0 = off" in text
+    assert "1s: names that others have too on" in text
 
 
 def test_a_model_with_memory_tells_its_states(written):

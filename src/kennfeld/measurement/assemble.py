@@ -9,10 +9,10 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.cells import shown
 from kennfeld.measurement.columns import Column, Selection, Table, capped, text_findings
-from kennfeld.measurement.raster import grid, resample, samples_on
+from kennfeld.measurement.raster import grid, resample_all, samples_on
 from kennfeld.measurement.timing import find_time, merge, seconds, time_findings
 
-__all__ = ["assemble", "checked"]
+__all__ = ["assemble", "checked", "frozen"]
 
 _MOST = 500_000_000  # values of a resampled dataset, 4 GB
 
@@ -21,17 +21,17 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
     """The dataset in a table; `InputError` with all that is wrong in the columns it needs."""
     time, channels = checked(table, selection, raster)
     if time is None:
-        return Dataset(name, tuple(Channel(c.name, _frozen(c.values), c.unit) for c in channels))
+        return Dataset(name, tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels))
     stamps, values = merge(seconds(time), [c.values for c in channels])
     if raster is not None:
         even = grid(stamps, raster)
-        stamps, values = even, [resample(stamps, column, even) for column in values]
-    made = (Channel(c.name, _frozen(v), c.unit) for c, v in zip(channels, values, strict=True))
-    return Dataset(name, tuple(made), _frozen(stamps))
+        stamps, values = even, resample_all(stamps, values, even, [c.held for c in channels])
+    made = (Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(channels, values, strict=True))
+    return Dataset(name, tuple(made), frozen(stamps))
 
 
-def _frozen(values: Float) -> Float:
-    """Read-only in place, so that the domain types need no copy; the arrays are ours alone."""
+def frozen(values: Float) -> Float:
+    """The values, read-only in place, so that the domain types need no copy; the arrays are ours alone."""
     if values.flags.writeable:
         values.setflags(write=False)
     return values

@@ -47,6 +47,8 @@ class Column:
     texts: tuple[tuple[int, object], ...] = ()
     text_count: int = 0
     dated: bool = False
+    held: bool = False  # whether values between two samples mean nothing: the first one holds until the next
+    description: str = ""
 
     @property
     def is_text(self) -> bool:
@@ -65,6 +67,7 @@ class Table:
     names: tuple[str, ...] = ()  # of all columns, those not read included
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = field(default=())
+    clock: Column | None = None  # the time, where the format itself says which column it is
 
     def at(self, sample: int, *columns: Column) -> str:
         """Where a cell stands: `bench.csv line 17, column Torque`."""

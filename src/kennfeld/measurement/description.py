@@ -21,6 +21,7 @@ class ChannelDescription:
     nan_share: float
     minimum: float | None
     maximum: float | None
+    description: str = ""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class TimeDescription:
 
 @dataclass(frozen=True)
 class TableDescription:
-    """One sheet or table; `left_out` names the columns that hold no numbers."""
+    """One sheet, table or raster; `left_out` names the columns that hold no numbers, `ambiguous` those of several."""
 
     name: str
     samples: int
@@ -43,6 +44,7 @@ class TableDescription:
     time: TimeDescription | None
     left_out: tuple[str, ...]
     details: dict[str, str]
+    ambiguous: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,15 @@ def described(table: Table) -> TableDescription:
     time = find_time(table)
     channels = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
     kept = {c.name for c in channels}
+    details = dict(table.details)
+    group = details.pop("group", "")
     return TableDescription(
-        dict(table.details).get("sheet", ""),
+        details.get("sheet", group),
         int(table.rows.size),
         tuple(_channel(c) for c in channels),
         None if time is None else _time(time),
         tuple(name for name in table.names if name and name not in kept),
-        dict(table.details),
+        details,
     )
 
 
@@ -77,7 +81,7 @@ def _channel(column: Column) -> ChannelDescription:
     known = column.values[np.isfinite(column.values)]
     share = float(np.isnan(column.values).mean()) if column.values.size else 0.0
     low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
-    return ChannelDescription(column.name, column.unit, int(column.values.size), share, low, high)
+    return ChannelDescription(column.name, column.unit, int(column.values.size), share, low, high, column.description)
 
 
 def _time(column: Column) -> TimeDescription:

@@ -1,11 +1,13 @@
 """Puts recordings onto an even time raster."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import PAUSE
 
-__all__ = ["grid", "is_stepped", "resample", "samples_on"]
+__all__ = ["grid", "is_stepped", "resample", "resample_all", "samples_on"]
 
 _NEAR = 1e-9  # s; a grid point this close to a time stamp is that sample
 _LEVELS = 16  # a gear, a mode or a switch has no more
@@ -41,8 +43,19 @@ def is_stepped(values: Float) -> bool:
     return levels <= _LEVELS and valid.size >= 4 * levels
 
 
-def resample(time: Float, values: Float, at: Float) -> Float:
+def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequence[bool]) -> list[Float]:
+    """Channels with the same time stamps at other times, each as by `resample`."""
+    exact = _snapped(time, at)  # once for all channels without gaps
+    return [
+        _resampled(time, values, exact, hold) if not np.isnan(values).any() else resample(time, values, at, hold)
+        for values, hold in zip(columns, held, strict=True)
+    ]
+
+
+def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float:
     """The channel at other times: linear between valid samples, held where it is stepped, NaN outside them.
+
+    `held` says that it is stepped; otherwise its values tell.
 
     Where it pauses, for more than `PAUSE` of its usual steps, what is not stepped is NaN: nothing is known there.
 
@@ -52,9 +65,13 @@ def resample(time: Float, values: Float, at: Float) -> Float:
     valid = ~np.isnan(values)
     if not valid.any():
         return np.full(at.shape, np.nan)
-    stamps, known = time[valid], values[valid]
-    exact = _snapped(stamps, at)
-    if not is_stepped(known):
+    stamps = time[valid]
+    return _resampled(stamps, values[valid], _snapped(stamps, at), held)
+
+
+def _resampled(stamps: Float, known: Float, exact: Float, held: bool) -> Float:
+    """The values at points that are set to the stamps they are near to; none is missing."""
+    if not (held or is_stepped(known)):
         found = np.interp(exact, stamps, known, left=np.nan, right=np.nan)
         return np.where(_in_pause(stamps, exact), np.nan, found)
     before = np.searchsorted(stamps, exact, side="right") - 1

@@ -5,19 +5,21 @@ import zlib
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.measurement.assemble import assemble
 from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
+from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, locate
 
 __all__ = ["describe", "read"]
 
 # a format more is a module more: one that offers read_tables(source, selection)
-_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet"}
+_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet", Kind.MDF: "mdf"}
+_RASTERS = {Kind.MDF}  # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
 
 
 def read(
@@ -27,10 +29,11 @@ def read(
     *,
     sheet: str | None = None,
 ) -> Dataset:
-    """The measurement in a file: CSV, Excel or Parquet, told by its content.
+    """The measurement in a file: CSV, Excel, Parquet or MDF, told by its content.
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
-    Columns without a name and columns of text are left out.
+    Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
+    read over the time they share.
 
     Args:
         path: the file; a sheet of a workbook may be named behind a `#`, `bench.xlsx#Data`.
@@ -49,7 +52,10 @@ def read(
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
     source = _located(path, sheet)
     selection = Selection(None if channels is None else tuple(dict.fromkeys(channels)))
-    return assemble(_only(source, _tables(source, selection)), source.stem, selection, raster)
+    tables = _tables(source, selection)
+    if source.kind in _RASTERS:
+        return join(source.name, tables, source.stem, selection, raster)
+    return assemble(_only(source, tables), source.stem, selection, raster)
 
 
 def describe(path: str | Path) -> Description:
@@ -59,6 +65,11 @@ def describe(path: str | Path) -> Description:
     'rpm'
     """
     source = _located(path, None)
+    if source.kind in _RASTERS:
+        reader = _reader(source)
+        return Description(
+            source.name, source.kind.value, _guarded(source.name, lambda: tuple(reader.describe_tables(source)))
+        )
     tables = _tables(source, Selection())
     findings = [finding for table in tables for finding in table.findings]
     if findings:
@@ -83,7 +94,7 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     source = _guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
-        raise InputError.of(source.name, what, "CSV, Excel (xlsx, xls, ods) and Parquet files can.")
+        raise InputError.of(source.name, what, "CSV, Excel (xlsx, xls, ods), Parquet and MDF files can.")
     if source.packed and source.kind is not Kind.CSV:
         raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not Kind.EXCEL:
@@ -97,8 +108,12 @@ def _article(kind: str) -> str:
     return f"{'an' if spoken else 'a'} {kind}"
 
 
+def _reader(source: Source) -> Any:
+    return import_module(f"kennfeld.measurement.{_READERS[source.kind]}")
+
+
 def _tables(source: Source, selection: Selection) -> list[Table]:
-    reader = import_module(f"kennfeld.measurement.{_READERS[source.kind]}")
+    reader = _reader(source)
     tables: list[Table] = _guarded(source.name, lambda: reader.read_tables(source, selection))
     return tables
 

@@ -37,7 +37,7 @@ class Kind(Enum):
 _MAGIC = (
     (b"PAR1", Kind.PARQUET),
     (b"MDF     ", Kind.MDF),
-    (b"UnFinMF ", Kind.MDF),
+    (b"UnFinMF", Kind.MDF),
     (b"MLVLG", Kind.MLG),
     (b"MATLAB 5.0 MAT-file", Kind.MATLAB),
     (b"\x89HDF\r\n", Kind.HDF5),

@@ -20,6 +20,8 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
     A column that never changes is no time, nor is one called just `t` that falls somewhere. `asked` names the channels
     that somebody wants: of these, `t` without a unit and columns of another name are channels, even if they rise.
     """
+    if table.clock is not None:
+        return table.clock
     for column in table.columns:
         named = time_unit(column.name, column.unit) is not None
         sure = column.name.casefold() != "t" or plain_unit(column.unit) not in ("", "-")

@@ -156,7 +156,7 @@ class _Loading:
         except InputError:
             self._keep(error.findings)
             return None
-        names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out]]
+        names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
         self.loaded.offered |= dict.fromkeys(names)
         absent = [name for name in self._channels() if name not in names]
         needed = [name for name in self.calculated.recorded(self.required) if name in absent]

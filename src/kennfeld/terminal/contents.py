@@ -92,17 +92,23 @@ def _first_line(text: str) -> str:
 def _measurement(found: measurement.Description) -> Contents:
     tables, notes = [], []
     for table in found.tables:
-        rows = [("channel", "unit", "samples", "missing", "minimum", "maximum")]
+        several = f" in {table.name}" if len(found.tables) > 1 and table.name else ""
+        rows: list[Sequence[str]] = [(f"channel{several}", "unit", "samples", "missing", "minimum", "maximum")]
         rows += [
             (c.name, c.unit, str(c.samples), f"{c.nan_share:.1%}", _number(c.minimum), _number(c.maximum))
             for c in table.channels
         ]
+        said = [c.description for c in table.channels]
+        if any(said):
+            rows = [(*row, more) for row, more in zip(rows, ["description", *said], strict=True)]
         tables.append(rows)
         if table.details:
             notes.append(f"{table.name or found.file}: {', '.join(f'{k} {v}' for k, v in table.details.items())}")
         if table.time:
             step = "" if table.time.step is None else f", a sample every {table.time.step:g} s"
-            notes.append(f"time from {table.time.begin:g} s to {table.time.end:g} s{step}")
+            notes.append(
+                f"{table.name + ': ' if several else ''}time from {table.time.begin:g} s to {table.time.end:g} s{step}"
+            )
         if table.left_out:
             notes.append(f"columns without numbers: {', '.join(table.left_out)}")
     size = " and ".join(f"{len(table.channels)} channels over {table.samples} samples" for table in found.tables)

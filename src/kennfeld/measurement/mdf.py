@@ -1,0 +1,387 @@
+"""Reads MDF files of versions 2 to 4, one table for each channel group."""
+
+import gc
+import logging
+import math
+import sys
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Finding, InputError
+from kennfeld.measurement.columns import Column, Selection, Table
+from kennfeld.measurement.description import TableDescription, described
+from kennfeld.measurement.mdf_blocks import check_links
+from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.units import plain_unit
+
+__all__ = ["describe_tables", "read_tables"]
+
+_TIME = "time"
+_AT_ONCE = 50_000_000  # values that a description holds at one time
+_MOST = 500_000_000  # values of all channels asked for, 4 GB
+_PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
+_TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
+_VIRTUAL_4 = (3, 6)  # channels without bits in the record
+_MARKED_4 = 2  # flag: the record says which values are invalid
+_TEXTS_SAID = 12
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A channel of the file: where it stands and the name by which it is asked for."""
+
+    name: str
+    bare: str
+    group: int
+    index: int
+    is_array: bool
+    is_text_table: bool
+
+
+def read_tables(source: Source, selection: Selection) -> list[Table]:
+    """A table for each channel group that holds a channel asked for."""
+    with _opened(source) as file:
+        entries = _entries(file)
+        if not entries:
+            raise InputError.of(source.name, "holds no samples", "Is it the right file?")
+        chosen = _chosen(source, entries, selection)
+        if sum(_samples(file, entry.group) for entry in chosen) > _MOST:
+            what = f"{len(chosen)} channels of this file are more than {_MOST} values"
+            raise InputError.of(source.name, what, "Name the channels to read.")
+        groups = dict.fromkeys(entry.group for entry in chosen)
+        known = _names_by_group(entries)
+        return [_table(source, file, [e for e in chosen if e.group == g], known[g]) for g in groups]
+
+
+def describe_tables(source: Source) -> Iterator[TableDescription]:
+    """What each group holds, without more than some of its channels in memory at a time."""
+    with _opened(source) as file:
+        entries = _entries(file)
+        if not entries:
+            raise InputError.of(source.name, "holds no samples", "Is it the right file?")
+        ambiguous = _ambiguous(entries)
+        for group in dict.fromkeys(entry.group for entry in entries):
+            own = [entry for entry in entries if entry.group == group]
+            names = tuple(dict.fromkeys(entry.bare for entry in own if entry.bare in ambiguous))
+            yield _description(source, file, own, names)
+
+
+def _description(source: Source, file: Any, own: Sequence[_Entry], ambiguous: tuple[str, ...]) -> TableDescription:
+    size = max(_AT_ONCE // max(_samples(file, own[0].group), 1), 1)
+    parts = []
+    for k in range(0, len(own), size):
+        some = own[k : k + size]
+        parts.append(described(_table(source, file, some, tuple(entry.name for entry in some))))
+    first = parts[0]
+    clock = first.time.channel if first.time else None
+    more = [c for part in parts[1:] for c in part.channels if c.name != clock]
+    left_out = tuple(name for part in parts for name in part.left_out)
+    details = dict(first.details)
+    if ambiguous:
+        listed = ", ".join(ambiguous[:6]) + (", ..." if len(ambiguous) > 6 else "")
+        details["names that others have too"] = listed
+    return TableDescription(
+        first.name, first.samples, (*first.channels, *more), first.time, left_out, details, ambiguous
+    )
+
+
+@contextmanager
+def _opened(source: Source) -> Iterator[Any]:
+    """The open file; whatever the library throws at a damaged one becomes a finding."""
+    check_links(source.path)
+    # the library's logger speaks of what becomes a finding here
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
+    with warnings.catch_warnings(), redirect_stdout(StringIO()):  # it prints what it stumbles over, too
+        warnings.simplefilter("ignore")
+        try:
+            from asammdf import MDF
+
+            with MDF(source.path) as file:
+                file.configure(raise_on_multiple_occurrences=False)
+                _check_layout(source, file)
+                yield file
+        except InputError:
+            raise
+        except Exception as error:  # of many kinds: the library trusts what it reads
+            said = " ".join(str(error).split())[:160] or type(error).__name__
+            _discard(error)
+        else:
+            return
+    what = f"the MDF file is damaged, cut off or encrypted ({said})"
+    raise InputError.of(source.name, what, "Copy or export it anew.")
+
+
+def _discard(error: Exception) -> None:
+    """Free the half-made reader that an error holds: it fails once more where nobody can catch it."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+
+
+def _check_layout(source: Source, file: Any) -> None:
+    """Refuse more samples than a file of this size can hold, and channels that lie outside their records.
+
+    The library would ask for that memory, and read beyond its own.
+    """
+    for index, group in enumerate(file.groups):
+        samples = _samples(file, index)
+        size, invalid = _record_sizes(group.channel_group)
+        wrong = ""
+        if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
+            wrong = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
+        elif samples:
+            outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
+            name = next(outside, None)
+            wrong = "" if name is None else f"has a channel {name[:60]} that lies outside its records of {size} bytes"
+        if wrong:
+            what = f"the MDF file is damaged: {_label(file, index)} {wrong}"
+            raise InputError.of(source.name, what, "Copy or export it anew.")
+
+
+def _record_sizes(group: Any) -> tuple[int, int]:
+    """Bytes of a record, and of its marks of invalid values."""
+    return int(group.samples_byte_nr), int(getattr(group, "invalidation_bytes_nr", 0))
+
+
+def _lies_within(channel: Any, size: int, invalid: int, version: str) -> bool:
+    """Whether the bits of a channel are bits of the record."""
+    if version < "4":
+        begin = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0)
+        return bool(begin + channel.bit_count <= 8 * size)
+    if channel.channel_type in _VIRTUAL_4:
+        return True
+    if invalid and channel.flags & _MARKED_4 and channel.pos_invalidation_bit >= 8 * invalid:
+        return False
+    return bool(8 * channel.byte_offset + channel.bit_offset + channel.bit_count <= 8 * size)
+
+
+def _samples(file: Any, group: int) -> int:
+    return int(file.groups[group].channel_group.cycles_nr)
+
+
+def _label(file: Any, group: int) -> str:
+    """What messages and names call a group: its name, else its comment, else its number."""
+    found = file.groups[group].channel_group
+    said = str(getattr(found, "acq_name", "") or found.comment or "").strip().split("\n")[0]
+    said = "" if said.startswith("<") else " ".join(said.split())[:60]
+    return said or f"group {group + 1}"
+
+
+def _entries(file: Any) -> list[_Entry]:
+    """All channels that hold samples, each with a name of its own."""
+    found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
+    texts = _TEXT_4 if file.version >= "4" else _TEXT_3
+    names = _unique([_candidates(file, group, index, channel) for group, index, channel, _ in found])
+    return [
+        _Entry(name, channel.name, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
+        for name, (group, index, channel, array) in zip(names, found, strict=True)
+    ]
+
+
+def _of_group(file: Any, group: int) -> list[tuple[int, int, Any, bool]]:
+    """The channels of a group beside its time: group, number, channel and whether it is an array."""
+    own = file.groups[group]
+    found = []
+    arrays: set[str] = set()
+    for index, channel in enumerate(own.channels):
+        parts = own.channel_dependencies[index] if own.channel_dependencies else None
+        if index == file.masters_db.get(group) or not channel.name or (parts and isinstance(parts[0], tuple)):
+            continue  # of a structure, the members are channels of their own
+        if parts:
+            arrays.add(channel.name)
+        found.append((group, index, channel, bool(parts)))
+    # the library lists the elements as well; read with their array they cost one look at its samples
+    return [f for f in found if f[3] or _without_indices(f[2].name) not in arrays]
+
+
+def _candidates(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
+    """Names from short to certain."""
+    label = _label(file, group)
+    origin = getattr(channel.source, "name", "") or getattr(channel.source, "path", "") or label
+    numbered = f"{group + 1}.{index}"
+    return (channel.name, f"{label}/{channel.name}", f"{origin}/{channel.name}", f"{numbered}/{channel.name}")
+
+
+def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
+    """The first name of each that no other channel, nor the time, has.
+
+    >>> _unique([("n", "10ms/n"), ("n", "100ms/n"), ("time", "10ms/time"), ("T", "10ms/T")])
+    ['10ms/n', '100ms/n', '10ms/time', 'T']
+    """
+    names = [names[0] for names in candidates]
+    for level in range(1, len(candidates[0]) if candidates else 0):
+        count = Counter([*names, _TIME])
+        names = [c[level] if count[name] > 1 else name for name, c in zip(names, candidates, strict=True)]
+    return names
+
+
+def _ambiguous(entries: Sequence[_Entry]) -> set[str]:
+    return {name for name, count in Counter(entry.bare for entry in entries).items() if count > 1}
+
+
+def _names_by_group(entries: Sequence[_Entry]) -> dict[int, tuple[str, ...]]:
+    names: dict[int, list[str]] = {}
+    for entry in entries:
+        names.setdefault(entry.group, []).append(entry.name)
+    return {group: tuple(own) for group, own in names.items()}
+
+
+def _chosen(source: Source, entries: Sequence[_Entry], selection: Selection) -> list[_Entry]:
+    """The channels asked for, by their name or, for an element of an array, by that of the array."""
+    if selection.channels is None:
+        return list(entries)
+    by_name = {entry.name: entry for entry in entries}
+    bare: dict[str, list[_Entry]] = {}
+    for entry in entries:
+        bare.setdefault(entry.bare, []).append(entry)
+    found: dict[_Entry, None] = {}
+    findings = []
+    for asked in selection.channels:
+        array = by_name.get(_without_indices(asked))
+        if asked in by_name:
+            found[by_name[asked]] = None
+        elif array is not None and array.is_array:
+            found[array] = None
+        elif len(bare.get(asked, ())) > 1:
+            named = ", ".join(entry.name for entry in bare[asked][:6])
+            what = f"{len(bare[asked])} channels are called {asked}"
+            findings.append(Finding(source.name, what, f"Name one of them: {named}."))
+        else:  # an unknown one: the group read for its sake lets the message list what there is
+            found = found or {entries[0]: None}
+    if findings:
+        raise InputError(findings)
+    return list(found)
+
+
+def _without_indices(name: str) -> str:
+    while name.endswith("]") and name.rpartition("[")[2][:-1].isdecimal():
+        name = name.rpartition("[")[0]
+    return name
+
+
+def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, ...]) -> Table:
+    group = own[0].group
+    signals = _signals(file, own)
+    count = len(signals[0].timestamps)
+    clock = _clock(file, group, _valid(signals[0].timestamps, None))
+    columns = [
+        column
+        for entry, signal in zip(own, signals, strict=True)
+        for column in _columns(entry, file.groups[group].channels[entry.index], signal)
+    ]
+    spread = {entry.name for entry in own if entry.is_array}
+    known = dict.fromkeys([*(n for n in names if n not in spread), *(column.name for column in columns)])
+    times = () if clock is None else (clock,)
+    label = _label(file, group)
+    return Table(
+        f"{source.name} group {label}" if not label.startswith("group ") else f"{source.name} {label}",
+        (*times, *columns),
+        np.arange(1, count + 1),
+        "sample",
+        (*(c.name for c in times), *known),
+        details=(("group", label),),
+        clock=clock,
+    )
+
+
+def _signals(file: Any, own: Sequence[_Entry]) -> list[Any]:
+    """The samples of channels of one group, texts of enumerations left as the numbers they stand for."""
+    found: dict[_Entry, Any] = {}
+    for raw in (False, True):
+        # in version 3 the library has no other way to leave texts alone
+        some = [entry for entry in own if (entry.is_text_table and file.version < "4") == raw]
+        if some:
+            asked = [(None, entry.group, entry.index) for entry in some]
+            signals = file.select(asked, raw=raw, copy_master=False, ignore_value2text_conversions=True)
+            found |= dict(zip(some, signals, strict=True))
+    return [found[entry] for entry in own]
+
+
+def _clock(file: Any, group: int, stamps: Float) -> Column | None:
+    """The time of a group; None where it counts angle, distance or samples."""
+    index = file.masters_db.get(group)
+    if index is None:
+        return None
+    master = file.groups[group].channels[index]
+    if file.version >= "4" and getattr(master, "sync_type", 1) not in (0, 1):
+        return None
+    return Column(_TIME, "s", _TIME, stamps)
+
+
+def _columns(entry: _Entry, channel: Any, signal: Any) -> Iterator[Column]:
+    """The column of a channel, or one for each element of an array; text gives a column of no numbers."""
+    samples = signal.samples
+    if samples.dtype.names:
+        samples = samples[samples.dtype.names[0]]
+    unit = _unit(entry, channel, signal)
+    held = entry.is_text_table or samples.dtype.kind in "bui"
+    said = _description_of(entry, channel)
+    if samples.dtype.kind not in "buif" or (samples.ndim > 1 and not entry.is_array):
+        sample = samples[0] if len(samples) else ""
+        shown = sample.decode(errors="replace") if isinstance(sample, bytes) else str(sample)
+        texts = ((0, shown.strip("\0 ")[:40]),)
+        yield Column(entry.name, "", entry.name, np.full(len(samples), np.nan), texts, max(len(samples), 1))
+        return
+    for place in np.ndindex(samples.shape[1:]):
+        name = entry.name + "".join(f"[{i}]" for i in place)
+        values = _valid(samples[(slice(None), *place)], signal.invalidation_bits)
+        yield Column(name, unit, name, values, held=held, description=said)
+
+
+def _unit(entry: _Entry, channel: Any, signal: Any) -> str:
+    """The unit; of an enumeration, where the library takes the text for all other values for one, none."""
+    if not entry.is_text_table:
+        return plain_unit(str(signal.unit or ""))
+    others = (getattr(channel.conversion, "referenced_blocks", None) or {}).get("default_addr")
+    other = others.decode("utf-8", errors="replace").strip("\0 ") if isinstance(others, bytes) else ""
+    unit = plain_unit(str(channel.unit or ""))
+    return "" if unit == other else unit
+
+
+def _valid(samples: Any, invalid: Any) -> Float:
+    """As float64; NaN where the logger marked the sample as invalid, or it is infinite."""
+    values = np.array(samples, dtype=np.float64)
+    if invalid is not None:
+        values[np.asarray(invalid, dtype=bool)] = np.nan
+    values[~np.isfinite(values)] = np.nan  # a NaN that signals would set off warnings later
+    return values
+
+
+def _description_of(entry: _Entry, channel: Any) -> str:
+    """The comment, and of an enumeration the texts of its numbers."""
+    comment = " ".join(str(channel.comment or "").split())
+    comment = "" if comment.startswith("<") else comment[:200]
+    if not entry.is_text_table:
+        return comment
+    pairs = list(_texts(channel.conversion))
+    more = ", ..." if len(pairs) > _TEXTS_SAID else ""
+    said = ", ".join(f"{number} = {text}" for number, text in pairs[:_TEXTS_SAID]) + more
+    return f"{comment}: {said}" if comment else said
+
+
+def _texts(conversion: Any) -> Iterator[tuple[str, str]]:
+    """The numbers of an enumeration, as a message shows them, with their texts."""
+    referenced = getattr(conversion, "referenced_blocks", None) or {}
+    for i in range(10_000):
+        text = referenced.get(f"text_{i}", getattr(conversion, f"text_{i}", None))
+        low = getattr(
+            conversion, f"val_{i}", getattr(conversion, f"param_val_{i}", getattr(conversion, f"lower_{i}", None))
+        )
+        if low is None:
+            return
+        if isinstance(text, bytes):
+            high = getattr(conversion, f"upper_{i}", low)
+            number = f"{low:g}" if math.isclose(low, high) else f"{low:g} to {high:g}"
+            yield number, text.decode("utf-8", errors="replace").strip("\0 ")

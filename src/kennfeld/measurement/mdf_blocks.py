@@ -1,0 +1,116 @@
+"""Walks the blocks of an MDF file: a link that leads out of the file or in a circle is found before it is followed.
+
+The library that reads the samples follows the links as they stand; a damaged one would keep it busy for ever.
+The layouts are those of ASAM MDF 3.3 and 4.2: each block names its kind, its length and its links.
+"""
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+from kennfeld.errors import InputError
+
+__all__ = ["check_links"]
+
+# which of a block's links lead on; what else a block refers to may lead back with good reason
+_LINKS_4 = {
+    b"##HD": (0, 1, 2, 3, 4, 5),  # data group, history, channel hierarchy, attachment, event, comment
+    b"##DG": (0, 1),  # next, channel group
+    b"##CG": (0, 1, 2, 3),  # next, channel, name, source
+    b"##CN": (0, 1, 2, 3, 4),  # next, composition, name, source, conversion
+    b"##FH": (0,),
+    b"##AT": (0,),
+    b"##EV": (0,),
+    b"##CH": (0, 1),
+}
+_ALL_LINKS_4 = (b"##CC",)
+_LINKS_3 = {b"HD": 1, b"DG": 2, b"CG": 2, b"CN": 1}  # how many of the first links lead on
+_HEAD_4, _HEAD_3 = 24, 4
+_FIRST = 64  # where the header block begins in every version
+_MOST_LINKS = 200_000  # of one block; a table of texts has no more
+
+
+def check_links(path: Path) -> None:
+    """Follow the structure once; `InputError` where the file is cut off or its blocks lead in a circle."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        identification = file.read(_FIRST)
+        if size < _FIRST + _HEAD_4:
+            raise InputError.of(path.name, f"the MDF file is cut off after {size} bytes", "Copy it anew.")
+        version = identification[8:12].decode("ascii", errors="replace").strip(" \0")
+        order = "<" if version.startswith("4") or identification[24:26] == b"\0\0" else ">"
+        reader = _Blocks4(file, size) if version.startswith("4") else _Blocks3(file, size, order)
+        _walk(reader, path.name)
+
+
+class _Blocks4:
+    """Blocks of version 4: kind, length, number of links, links of 8 bytes."""
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self.file, self.size = file, size
+
+    def links(self, at: int) -> Sequence[int]:
+        """Where the block at this byte leads on to; ValueError where there is none."""
+        self.file.seek(at)
+        head = self.file.read(_HEAD_4)
+        if len(head) < _HEAD_4:
+            raise ValueError("lies behind the end of the file")
+        kind, length, count = struct.unpack("<4s4xQQ", head)
+        if not kind.startswith(b"##"):
+            raise ValueError("is no block")
+        if kind not in _LINKS_4 and kind not in _ALL_LINKS_4:
+            return ()
+        if at + length > self.size or _HEAD_4 + 8 * count > length or count > _MOST_LINKS:
+            raise ValueError(f"claims {length} bytes and {count} links")
+        links = struct.unpack(f"<{count}Q", self.file.read(8 * count))
+        wanted = range(count) if kind in _ALL_LINKS_4 else [i for i in _LINKS_4[kind] if i < count]
+        return [links[i] for i in wanted if links[i]]
+
+
+class _Blocks3:
+    """Blocks of versions 2 and 3: kind, length, links of 4 bytes."""
+
+    def __init__(self, file: BinaryIO, size: int, order: str) -> None:
+        self.file, self.size, self.order = file, size, order
+
+    def links(self, at: int) -> Sequence[int]:
+        """Where the block at this byte leads on to; ValueError where there is none."""
+        self.file.seek(at)
+        head = self.file.read(_HEAD_3 + 8)
+        if len(head) < _HEAD_3:
+            raise ValueError("lies behind the end of the file")
+        kind = head[:2]
+        if not kind.isalpha():
+            raise ValueError("is no block")
+        if kind not in _LINKS_3 or len(head) < _HEAD_3 + 8:
+            return ()
+        links = struct.unpack(f"{self.order}2I", head[_HEAD_3:])
+        return [link for link in links[: _LINKS_3[kind]] if link]
+
+
+def _walk(blocks: _Blocks4 | _Blocks3, name: str) -> None:
+    """Depth first; a block met again while it is still open closes a circle."""
+    open_, done = {_FIRST}, set[int]()
+    path = [(_FIRST, iter(_links(blocks, _FIRST, name)))]
+    while path:
+        at, links = path[-1]
+        following = next(links, None)
+        if following is None:
+            path.pop()
+            open_.discard(at)
+            done.add(at)
+        elif following in open_:
+            what = f"the MDF file is damaged: its block at byte {at} leads back to the one at byte {following}"
+            raise InputError.of(name, what, "Copy it anew from its source.")
+        elif following not in done:
+            open_.add(following)
+            path.append((following, iter(_links(blocks, following, name))))
+
+
+def _links(blocks: _Blocks4 | _Blocks3, at: int, name: str) -> Sequence[int]:
+    try:
+        return blocks.links(at)
+    except ValueError as error:
+        what = f"the MDF file is damaged or cut off: the block at byte {at} {error}"
+        raise InputError.of(name, what, "Copy it anew from its source.") from None

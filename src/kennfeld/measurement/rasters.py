@@ -1,0 +1,115 @@
+"""Joins the rasters of one recording: groups of channels, each with time stamps of its own."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.measurement.assemble import assemble, checked, frozen
+from kennfeld.measurement.columns import Column, Selection, Table
+from kennfeld.measurement.raster import grid, resample_all
+from kennfeld.measurement.timing import SAME, merge, seconds
+
+__all__ = ["join"]
+
+_Group = tuple[Table, Float, list[Column], list[Float]]  # stamps, channels and their values
+
+
+def join(place: str, tables: Sequence[Table], name: str, selection: Selection, raster: float | None = None) -> Dataset:
+    """The dataset of all groups, over the time that they share; nothing is extrapolated.
+
+    Groups with equal time stamps are put side by side. Others need a raster, in s; its points fall on samples of the
+    group that is sampled most often. `InputError` with all that is wrong.
+    """
+    missing = _missing(place, tables, selection)
+    if missing:
+        raise InputError(missing)
+    if len(tables) == 1:
+        return assemble(tables[0], name, selection, raster)
+    groups = _groups(tables, selection, raster)
+    stamps = groups[0][1]
+    if raster is None and not all(_equal(stamps, group[1]) for group in groups):
+        raise InputError.of(place, f"the channels have different rasters: {_rasters(groups)}", _raster_mend(groups))
+    if raster is not None:
+        stamps = _shared(place, groups, raster)
+    channels: list[Channel] = []
+    for _, time, columns, values in groups:
+        found = values if raster is None else resample_all(time, values, stamps, [c.held for c in columns])
+        channels += [Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)]
+    return Dataset(name, tuple(channels), frozen(stamps))
+
+
+def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[Finding]:
+    """The channels that no group has."""
+    names = dict.fromkeys(name for table in tables for name in table.names if name)
+    listed = ", ".join(list(names)[:8]) + (", ..." if len(names) > 8 else "")
+    return [
+        Finding(place, f"has no channel {asked}", nearest(asked, names) or f"It has {listed}.")
+        for asked in selection.channels or ()
+        if asked not in names
+    ]
+
+
+def _groups(tables: Sequence[Table], selection: Selection, raster: float | None) -> list[_Group]:
+    found: list[Finding] = []
+    groups = []
+    taken: set[str] = set()
+    for table in tables:
+        names = None if selection.channels is None else [n for n in selection.channels if n in table.names]
+        own = Selection(None if names is None else tuple(n for n in names if n not in taken))
+        taken |= set(names or ())
+        try:
+            time, columns = checked(table, own, raster)
+        except InputError as error:
+            found += error.findings
+            continue
+        if time is None:
+            what = "has no time stamps, so that its channels do not join those of other groups"
+            found.append(Finding(table.place, what, "Read them by themselves."))
+        else:
+            groups.append((table, *_merged(time, columns)))
+    if found:
+        raise InputError(found)
+    return groups
+
+
+def _merged(time: Column, columns: list[Column]) -> tuple[Float, list[Column], list[Float]]:
+    stamps, values = merge(seconds(time), [column.values for column in columns])
+    return stamps, columns, values
+
+
+def _equal(first: Float, other: Float) -> bool:
+    return first.size == other.size and bool(np.all(np.abs(first - other) < SAME))
+
+
+def _step(stamps: Float) -> float:
+    return float(np.median(np.diff(stamps))) if stamps.size > 1 else np.inf
+
+
+def _rasters(groups: Sequence[_Group]) -> str:
+    said = [
+        f"{columns[0].name} {f'every {_step(stamps):.3g} s' if stamps.size > 1 else 'once'} from {stamps[0]:.6g} s"
+        for _, stamps, columns, _ in groups
+        if columns
+    ]
+    return ", ".join(said[:4]) + (f" and {len(said) - 4} more" if len(said) > 4 else "")
+
+
+def _raster_mend(groups: Sequence[_Group]) -> str:
+    finest = min(_step(stamps) for _, stamps, _, _ in groups)
+    return f"Give a raster in s, such as raster = {finest if np.isfinite(finest) else 0.1:.3g}."
+
+
+def _shared(place: str, groups: Sequence[_Group], raster: float) -> Float:
+    """The even raster over the time that all groups cover."""
+    begin = max(float(stamps[0]) for _, stamps, _, _ in groups)
+    end = min(float(stamps[-1]) for _, stamps, _, _ in groups)
+    if end < begin:
+        ranges = [f"{c[0].name} from {s[0]:.6g} s to {s[-1]:.6g} s" for _, s, c, _ in groups if c]
+        listed = ", ".join(ranges[:4]) + (f" and {len(ranges) - 4} more" if len(ranges) > 4 else "")
+        raise InputError.of(place, f"the channels share no time: {listed}", "Leave one of them out.")
+    densest = min((stamps for _, stamps, _, _ in groups), key=_step)
+    within = densest[(densest >= begin - SAME) & (densest <= end + SAME)]
+    return grid(np.array([within[0] if within.size else begin, end]), raster)

@@ -1,0 +1,69 @@
+"""Projects on MDF files: patterns, rasters that meet, names that several groups have."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.project import Project
+
+
+@pytest.fixture
+def project(tmp_path):
+    """Two benches with a fast speed and a slow torque, torque = 3 + 0.05 speed; the text is added to the project."""
+
+    def write(dataset, twice=False, channels=""):
+        (tmp_path / "sensor.kf").write_text("Predicted = Offset + Gain * Speed\nscalar Offset\nscalar Gain\n")
+        (tmp_path / "kennfeld.toml").write_text(
+            f'[model]\nfile = "sensor.kf"\n{channels}\n[[dataset]]\nfiles = ["bench_*.mf4"]\n{dataset}\n'
+            '[[criterion]]\nnode = "Predicted"\ntarget = { channel = "Torque" }\n'
+            "[parameters]\nOffset = { initial = 0.0 }\nGain = { initial = 0.0 }\n"
+        )
+        for name, start in (("bench_a.mf4", 0.0), ("bench_b.mf4", 0.25)):
+            _record(tmp_path / name, start, twice)
+        return Project.read(tmp_path / "kennfeld.toml")
+
+    return write
+
+
+def _record(path, start, twice):
+    from asammdf import MDF, Signal
+
+    fast, slow = np.arange(start, start + 5, 0.01), np.arange(0.1, 4, 0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with MDF(version="4.10") as file:
+            file.append([Signal(1000 + 100 * fast, fast, name="Speed", unit="rpm")], comment="10ms")
+            torque = [Signal(53 + 5 * slow, slow, name="Torque", unit="Nm")]
+            again = [Signal(0 * slow, slow, name="Speed", unit="rpm")] if twice else []
+            file.append(torque + again, comment="100ms", common_timebase=True)
+            file.save(path, overwrite=True)
+
+
+def test_a_project_calibrates_on_several_files_and_rasters(project):
+    result = project("raster = 0.02").calibrate()
+    assert result.parameters["Gain"].value == pytest.approx(0.05, rel=1e-6)
+    assert result.parameters["Offset"].value == pytest.approx(3.0, rel=1e-6)
+
+
+def test_a_missing_raster_is_said_for_each_file(project):
+    found = [str(finding) for finding in project("").check() if "rasters" in finding.what]
+    assert [line.split(":")[0] for line in found] == ["bench_a.mf4", "bench_b.mf4"]
+    assert "Give a raster in s, such as raster = 0.01." in found[0]
+
+
+def test_a_name_of_several_groups_is_to_be_chosen(project):
+    found = [str(finding) for finding in project("raster = 0.02", twice=True).check()]
+    assert "bench_a.mf4: 2 channels are called Speed. Name one of them: 10ms/Speed, 100ms/Speed." in found
+    chosen = project("raster = 0.02", twice=True, channels='[channels]\nSpeed = "10ms/Speed"')
+    assert not [f for f in chosen.check() if f.severity == "error"]
+    assert chosen.calibrate().parameters["Gain"].value == pytest.approx(0.05, rel=1e-6)
+
+
+def test_a_damaged_file_is_named(project, tmp_path):
+    made = project("raster = 0.02")
+    path = tmp_path / "bench_b.mf4"
+    path.write_bytes(path.read_bytes()[:600])
+    with pytest.raises(InputError, match=r"bench_b\.mf4: the MDF file is damaged"):
+        made.calibrate()
