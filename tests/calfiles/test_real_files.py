@@ -13,6 +13,7 @@ FILES = {
     "dcm/dcmReader_Sample.dcm": (9, 1, ["DISTRIBUTION X", "DISTRIBUTION Y", "distrib"]),
     "dcm/pydcm_DEMO.DCM": (5, 0, []),
     "cvx/pycvx_DEMO.CSV": (5, 0, []),
+    "cdfx/asamint_CDF20demo.cdfx": (9, 2, ["CDF20.axis.X_AXIS_xU16"]),
 }
 
 
@@ -25,7 +26,7 @@ def test_every_file_is_read(shared_data, file):
 
 
 @pytest.mark.parametrize("file", FILES)
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
 def test_every_file_is_read_back_from_every_format(shared_data, tmp_path, file, ending):
     parameters = read(shared_data / file)
     write(parameters, tmp_path / f"a{ending}")

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from kennfeld.calfiles.cdfx import read_cdfx, recognises_cdfx
+from kennfeld.calfiles.cdfx_writer import write_cdfx
 from kennfeld.calfiles.cvx import read_cvx, recognises_cvx
 from kennfeld.calfiles.cvx_writer import write_cvx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
@@ -22,6 +24,7 @@ __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read",
 _FORMATS = (
     Format("JSON", (".json",), recognises_json, read_json, write_json),
     Format("CVX (INCA's CSV)", (".csv",), recognises_cvx, read_cvx, write_cvx),
+    Format("CDFX", (".cdfx",), recognises_cdfx, read_cdfx, write_cdfx),
     Format("DCM", (".dcm",), recognises_dcm, read_dcm, write_dcm),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
@@ -76,7 +79,7 @@ def read(path: str | Path) -> ParameterSet:
 
 
 def write(parameters: ParameterSet, path: str | Path) -> None:
-    """Write a calibration file; the ending (.dcm, .json, .csv for INCA's CVX) chooses the format.
+    """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
 
     The file is complete or untouched. Raises `ArgumentError` for an unknown ending and `InputError`
     naming each parameter that the format cannot hold.
