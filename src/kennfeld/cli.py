@@ -384,7 +384,7 @@ def convert(
 ) -> int:
     """Turn a calibration file into another format.
 
-    The formats are .dcm, .csv (INCA's CVX) and .json.
+    The formats are .dcm, .csv (INCA's CVX), .cdfx and .json.
     """
     from kennfeld import calfiles
 

@@ -186,9 +186,9 @@ def test_a_test_dataset_cannot_find_a_shift_by_itself(shop):
 
 
 def test_an_output_format_of_a_later_version_is_refused(shop):
-    shop.change('initial = "start.json"', 'output = ["cdfx", "dmc"]')
+    shop.change('initial = "start.json"', 'output = ["hex", "dmc"]')
     found = shop.errors()
-    assert "the format 'cdfx' is not available in this version. Choose from json, csv, dcm." in found[0]
+    assert "the format 'hex' is not available in this version. Choose from json, csv, cdfx, dcm." in found[0]
     assert "'dmc' is no calibration format. Did you mean dcm?" in found[1]
 
 
