@@ -12,7 +12,22 @@ ONE = ParameterSet([Scalar("K", 2.0)])
 
 
 def test_the_public_names_are_pinned():
-    assert kennfeld.calfiles.__all__ == ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
+    assert kennfeld.calfiles.__all__ == [
+        "CalibrationFile",
+        "Change",
+        "Comparison",
+        "Difference",
+        "Merged",
+        "ParameterSummary",
+        "Tolerance",
+        "compare",
+        "describe",
+        "endings",
+        "merge",
+        "read",
+        "read_several",
+        "write",
+    ]
     assert endings() == (".json", ".csv", ".cdfx", ".dcm")
 
 

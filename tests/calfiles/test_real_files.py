@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.calfiles import describe, read, write
+from kennfeld.calfiles import Comparison, compare, describe, read, write
 from kennfeld.parameters import Block
 
 FILES = {
@@ -44,6 +44,16 @@ def test_the_demo_of_inca_is_the_same_in_dcm_and_cvx(shared_data):
     assert list(dcm) == list(cvx)
     for name in dcm:
         assert dcm[name].changed(description="") == cvx[name]
+
+
+@pytest.mark.parametrize("first", ["dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"])
+@pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("back", [".dcm", ".csv", ".cdfx"])
+def test_the_demo_of_inca_comes_through_every_format_without_loss(shared_data, tmp_path, first, through, back):
+    write(read(shared_data / first), tmp_path / f"a{through}")
+    write(read(tmp_path / f"a{through}"), tmp_path / f"b{back}")
+    for file in ("dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"):
+        assert compare(read(shared_data / file), read(tmp_path / f"b{back}")) == Comparison((), 5)
 
 
 def test_the_sample_has_every_kind_of_block(shared_data):

@@ -2,6 +2,7 @@
 
 import os
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
-__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
+__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
 
 _FORMATS = (
     Format("JSON", (".json",), recognises_json, read_json, write_json),
@@ -76,6 +77,23 @@ def read(path: str | Path) -> ParameterSet:
     Raises `InputError` with every finding: the thing, its value, the line, the mend.
     """
     return _content(Path(path)).parameters
+
+
+def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
+    """The parameters of several files, and the remarks on what was left aside in them.
+
+    Raises `InputError` with the findings of all files that cannot be read.
+    """
+    contents: list[Content] = []
+    findings: list[Finding] = []
+    for path in paths:
+        try:
+            contents.append(_content(Path(path)))
+        except InputError as error:
+            findings += error.findings
+    if findings:
+        raise InputError(findings)
+    return [content.parameters for content in contents], tuple(one for content in contents for one in content.remarks)
 
 
 def write(parameters: ParameterSet, path: str | Path) -> None:
