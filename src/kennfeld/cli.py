@@ -436,7 +436,8 @@ def diff(
 @app.command()
 def merge(
     sources: Annotated[
-        list[Path], typer.Argument(metavar="A B...", help="Calibration files; later ones win.", show_default=False)
+        list[Path],
+        typer.Argument(metavar="FILE", help="Calibration files; later ones win.", show_default=False),
     ],
     target: Annotated[Path, typer.Option("-o", "--output", help="The file to write.", metavar="C", show_default=False)],
 ) -> int:

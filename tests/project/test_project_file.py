@@ -24,8 +24,8 @@ def test_a_project_is_called_like_its_folder_or_its_file(shop):
 
 
 def test_output_formats_become_file_endings(shop):
-    shop.change('initial = "start.json"', 'initial = "start.json"\noutput = ["dcm", "csv", "JSON"]')
-    assert shop.project.formats == (".dcm", ".csv", ".json")
+    shop.change('initial = "start.json"', 'initial = "start.json"\noutput = ["dcm", "csv", "cdfx", "JSON"]')
+    assert shop.project.formats == (".dcm", ".csv", ".cdfx", ".json")
 
 
 def test_the_optimizer_section_becomes_options(shop):

@@ -116,7 +116,8 @@ class _Reader:
         elif values is not None and (found := self._positions(instance, values)):
             self.positions[instance.name] = found
         if instance.category == "RES_AXIS":
-            self._left_aside(instance, "is kept where it gives a table its breakpoints, not as a parameter")
+            what = "RES_AXIS gives tables their breakpoints; as a parameter it is left aside"
+            self.notes.remark(instance.line, instance.name, what)
 
     def _take_group(self, instance: Instance, values: Values | None) -> None:
         points = None if values is None else np.array(values.numbers)

@@ -99,7 +99,8 @@ def _tell_left_aside(root: Element, notes: Notes) -> None:
         element = waiting.pop()
         if element.tag in kept:
             kept[element.tag].append(element.text.strip())
-        waiting += element.children
+        if element.tag not in ("SW-VALUE-CONT", "SW-AXIS-CONTS"):
+            waiting += element.children
     functions = len(set(kept["SW-FEATURE-REF"]))
     histories = len(kept["SW-CS-HISTORY"])
     told = [counted(functions, "name") + " of functions"] if functions else []
