@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from kennfeld import cli, read_parameters
+from kennfeld.parameters import ParameterSet, Scalar
 from kennfeld.project.demo import write
 from kennfeld.terminal import progress
 
@@ -52,7 +53,18 @@ class TestHelp:
         assert cli.run(["--help"]) == 0
         commands = capsys.readouterr().out.partition("Commands:")[2].split("\n")
         names = [line.split()[0] for line in commands if line.strip()]
-        assert names == ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "surrogate"]
+        assert names == [
+            "demo",
+            "check",
+            "calibrate",
+            "simulate",
+            "report",
+            "info",
+            "convert",
+            "diff",
+            "merge",
+            "surrogate",
+        ]
 
     def test_is_what_a_bare_call_shows(self, capsys):
         assert cli.run([]) == 0
@@ -63,7 +75,8 @@ class TestHelp:
         assert capsys.readouterr().out == "kennfeld 0.1.0\n"
 
     @pytest.mark.parametrize(
-        "command", ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "surrogate"]
+        "command",
+        ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "diff", "merge", "surrogate"],
     )
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
@@ -586,3 +599,65 @@ class TestSurroundings:
     def test_the_module_is_the_command(self):
         done = self.process(["--version"])
         assert done.stdout.decode().strip() == "kennfeld 0.1.0"
+
+
+class TestDiffAndMerge:
+    @pytest.fixture
+    def files(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        ParameterSet([Scalar("K", 1.0), Scalar("Old", 1.0)]).save("a.dcm")
+        ParameterSet([Scalar("K", 1.0 + 2**-52)]).save("b.cdfx")
+        return tmp_path
+
+    def test_equal_files_end_with_0(self, files, capsys):
+        assert cli.run(["convert", "a.dcm", "a.cdfx"]) == 0
+        assert cli.run(["diff", "a.dcm", "a.cdfx"]) == 0
+        assert capsys.readouterr().out.endswith("equal: 2 names in both\n")
+
+    def test_the_last_bit_counts_without_a_tolerance(self, files, capsys):
+        assert cli.run(["diff", "a.dcm", "b.cdfx"]) == 1
+        assert "1.0000000000000002" in capsys.readouterr().out
+        assert cli.run(["diff", "a.dcm", "b.cdfx", "--relative", "1e-15"]) == 1
+        assert capsys.readouterr().out.endswith("0 of 1 name in both differ, 1 only in a.dcm\n")
+
+    def test_json_for_a_program(self, files, capsys):
+        assert cli.run(["diff", "a.dcm", "b.cdfx", "--json"]) == 1
+        found = json.loads(capsys.readouterr().out)
+        assert (found["left"], found["right"], found["equal"], found["compared"]) == ("a.dcm", "b.cdfx", False, 1)
+        assert found["differences"][0]["right"] - found["differences"][0]["left"] == 2**-52
+        assert [one["aspect"] for one in found["differences"]] == ["values", "presence"]
+
+    def test_wrong_files_are_all_named_with_2(self, files, capsys):
+        (files / "c.dcm").write_text("FESTWERT K\nWERT x\nEND\n")
+        assert cli.run(["diff", "c.dcm", "nowhere.dcm"]) == 2
+        found = capsys.readouterr().err
+        assert "c.dcm line 2 (K): 'x' is no finite number" in found
+        assert "nowhere.dcm: there is no such file" in found
+
+    def test_a_wrong_tolerance_is_refused(self, files, capsys):
+        assert cli.run(["diff", "a.dcm", "b.cdfx", "--tolerance", "-1"]) == 2
+        assert "absolute=-1.0 is no tolerance" in capsys.readouterr().err
+
+    def test_merge_tells_what_it_replaced(self, files, capsys):
+        assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "c.json"]) == 0
+        assert "b.cdfx: 1 replaced\n\nWritten to c.json\n" in capsys.readouterr().out
+        assert read_parameters("c.json") == ParameterSet([Scalar("K", 1.0 + 2**-52), Scalar("Old", 1.0)])
+
+    def test_merge_may_write_onto_its_input(self, files):
+        assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm"]) == 0
+        assert read_parameters("a.dcm")["K"].value == 1.0 + 2**-52
+
+    @pytest.mark.parametrize(
+        ("arguments", "said"),
+        [
+            (["a.dcm", "-o", "c.dcm"], "merge: a.dcm alone is nothing to merge. Name two files or more."),
+            (["a.dcm", "b.cdfx"], "Missing option '-o'"),
+            (["a.dcm", "b.cdfx", "-o", "c.dmc"], "Did you mean .dcm?"),
+            (["a.dcm", "b.cdfx", "-o", "nowhere/c.dcm"], "cannot be written"),
+        ],
+    )
+    def test_a_merge_that_fails_writes_nothing(self, files, arguments, said, capsys):
+        before = everything_in(files)
+        assert cli.run(["merge", *arguments]) == 2
+        assert said in capsys.readouterr().err
+        assert everything_in(files) == before

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "main", "run"]
 
-DONE, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
 
 app = typer.Typer(
     name="kennfeld",
@@ -42,7 +42,10 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command line and give its exit status: 0 done, 1 not converged, 2 wrong input, 130 after Ctrl-C."""
+    """Run a command line and give its exit status.
+
+    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C.
+    """
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
     except InputError as error:
@@ -384,11 +387,69 @@ def convert(
 ) -> int:
     """Turn a calibration file into another format.
 
-    The formats are .dcm, .csv (INCA's CVX) and .json.
+    The formats are .dcm, .csv (INCA's CVX), .cdfx and .json.
     """
     from kennfeld import calfiles
 
-    complain(*calfiles.describe(source).remarks)
-    calfiles.write(calfiles.read(source), target)
+    [parameters], remarks = calfiles.read_several([source])
+    complain(*remarks)
+    calfiles.write(parameters, target)
     say(f"Written to {target}")
+    return DONE
+
+
+@app.command()
+def diff(
+    left: Annotated[Path, typer.Argument(metavar="A", help="A calibration file.", show_default=False)],
+    right: Annotated[Path, typer.Argument(metavar="B", help="The one to compare with.", show_default=False)],
+    tolerance: Annotated[
+        float, typer.Option("--tolerance", help="Numbers this close are equal, in their own unit.", metavar="T")
+    ] = 0.0,
+    relative: Annotated[
+        float, typer.Option("--relative", help="So are numbers whose difference is this share of them.", metavar="R")
+    ] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> int:
+    """Compare two calibration files: values, axes, units, and what only one has.
+
+    The exit status is 0 where they are equal and 1 where they differ.
+    """
+    import json
+
+    from kennfeld import calfiles
+    from kennfeld.terminal.differences import differing, labels
+
+    allowed = calfiles.Tolerance(tolerance, relative)
+    (one, other), remarks = calfiles.read_several([left, right])
+    complain(*remarks)
+    found = calfiles.compare(one, other, allowed)
+    if as_json:
+        head = {"left": str(left), "right": str(right), "equal": found.equal, "compared": found.compared}
+        differences = [difference.as_json for difference in found.differences]
+        say(json.dumps(head | {"differences": differences}, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        first, second = labels([left, right])
+        say(*differing(found, first, second))
+    return DONE if found.equal else DIFFERENT
+
+
+@app.command()
+def merge(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE", help="Calibration files; later ones win.", show_default=False),
+    ],
+    target: Annotated[Path, typer.Option("-o", "--output", help="The file to write.", metavar="C", show_default=False)],
+) -> int:
+    """Put several calibration files together, and tell what was replaced or added."""
+    from kennfeld import calfiles
+    from kennfeld.terminal.differences import changed, labels
+
+    if len(sources) < 2:
+        raise InputError.of("merge", f"{sources[0]} alone is nothing to merge", "Name two files or more.")
+    sets, remarks = calfiles.read_several(sources)
+    complain(*remarks)
+    merged = calfiles.merge(list(zip(labels(sources), sets, strict=True)))
+    calfiles.write(merged.parameters, target)
+    say(*changed(merged.changes), "", f"Written to {target}")
     return DONE

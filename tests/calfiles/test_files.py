@@ -12,11 +12,26 @@ ONE = ParameterSet([Scalar("K", 2.0)])
 
 
 def test_the_public_names_are_pinned():
-    assert kennfeld.calfiles.__all__ == ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
-    assert endings() == (".json", ".csv", ".dcm")
+    assert kennfeld.calfiles.__all__ == [
+        "CalibrationFile",
+        "Change",
+        "Comparison",
+        "Difference",
+        "Merged",
+        "ParameterSummary",
+        "Tolerance",
+        "compare",
+        "describe",
+        "endings",
+        "merge",
+        "read",
+        "read_several",
+        "write",
+    ]
+    assert endings() == (".json", ".csv", ".cdfx", ".dcm")
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".DCM"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".DCM"])
 def test_the_content_tells_the_format_when_reading(tmp_path, ending):
     write(ONE, tmp_path / f"a{ending}")
     (tmp_path / f"a{ending}").rename(tmp_path / "renamed.txt")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.calfiles import describe, read, write
+from kennfeld.calfiles import Comparison, compare, describe, read, write
 from kennfeld.parameters import Block
 
 FILES = {
@@ -13,6 +13,7 @@ FILES = {
     "dcm/dcmReader_Sample.dcm": (9, 1, ["DISTRIBUTION X", "DISTRIBUTION Y", "distrib"]),
     "dcm/pydcm_DEMO.DCM": (5, 0, []),
     "cvx/pycvx_DEMO.CSV": (5, 0, []),
+    "cdfx/asamint_CDF20demo.cdfx": (9, 2, ["CDF20.axis.X_AXIS_xU16"]),
 }
 
 
@@ -25,7 +26,7 @@ def test_every_file_is_read(shared_data, file):
 
 
 @pytest.mark.parametrize("file", FILES)
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
 def test_every_file_is_read_back_from_every_format(shared_data, tmp_path, file, ending):
     parameters = read(shared_data / file)
     write(parameters, tmp_path / f"a{ending}")
@@ -43,6 +44,16 @@ def test_the_demo_of_inca_is_the_same_in_dcm_and_cvx(shared_data):
     assert list(dcm) == list(cvx)
     for name in dcm:
         assert dcm[name].changed(description="") == cvx[name]
+
+
+@pytest.mark.parametrize("first", ["dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"])
+@pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("back", [".dcm", ".csv", ".cdfx"])
+def test_the_demo_of_inca_comes_through_every_format_without_loss(shared_data, tmp_path, first, through, back):
+    write(read(shared_data / first), tmp_path / f"a{through}")
+    write(read(tmp_path / f"a{through}"), tmp_path / f"b{back}")
+    for file in ("dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"):
+        assert compare(read(shared_data / file), read(tmp_path / f"b{back}")) == Comparison((), 5)
 
 
 def test_the_sample_has_every_kind_of_block(shared_data):

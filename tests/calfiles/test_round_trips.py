@@ -4,11 +4,12 @@ import json
 
 import pytest
 from calibration_sets import line_texts, parameter_sets, plain_units
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import read, write
 from kennfeld.errors import InputError
+from kennfeld.parameters import ParameterSet, Text
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -38,7 +39,39 @@ def test_cvx_reads_back_what_it_wrote(tmp_path_factory, parameters):
     assert read(path) == parameters
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv"])
+@few
+@given(parameters=parameter_sets(cubes=True))
+def test_cdfx_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.cdfx"
+    assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
+    write(parameters, path)
+    assert read(path) == in_xml(parameters)
+
+
+def in_xml(parameters):
+    """The set with the two characters that XML excludes turned into blanks, as units and descriptions are written."""
+    return ParameterSet(
+        [
+            member.changed(
+                unit=blanked(member.unit),
+                description=blanked(member.description),
+                axes=tuple(axis.changed(unit=blanked(axis.unit)) for axis in member.axes),
+            )
+            for member in parameters.parameters
+        ],
+        [Text(text.name, text.text, blanked(text.description)) for text in parameters.texts],
+        [axis.changed(unit=blanked(axis.unit)) for axis in parameters.axes],
+    )
+
+
+NO_XML = "\ufffe\uffff"
+
+
+def blanked(text):
+    return "".join(" " if character in NO_XML else character for character in text)
+
+
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):
@@ -90,4 +123,9 @@ _INSERTS = [
     b"-",
     b"\n,MAP\nMAP,\n",
     b"\xff\xfe",
+    b"</VG><VG>",
+    b"<V>1</V>",
+    b"<VT>1</VT>",
+    b"<SW-INSTANCE>",
+    b"&lol;",
 ]

@@ -24,8 +24,8 @@ def test_a_project_is_called_like_its_folder_or_its_file(shop):
 
 
 def test_output_formats_become_file_endings(shop):
-    shop.change('initial = "start.json"', 'initial = "start.json"\noutput = ["dcm", "csv", "JSON"]')
-    assert shop.project.formats == (".dcm", ".csv", ".json")
+    shop.change('initial = "start.json"', 'initial = "start.json"\noutput = ["dcm", "csv", "cdfx", "JSON"]')
+    assert shop.project.formats == (".dcm", ".csv", ".cdfx", ".json")
 
 
 def test_the_optimizer_section_becomes_options(shop):
@@ -186,9 +186,9 @@ def test_a_test_dataset_cannot_find_a_shift_by_itself(shop):
 
 
 def test_an_output_format_of_a_later_version_is_refused(shop):
-    shop.change('initial = "start.json"', 'output = ["cdfx", "dmc"]')
+    shop.change('initial = "start.json"', 'output = ["hex", "dmc"]')
     found = shop.errors()
-    assert "the format 'cdfx' is not available in this version. Choose from json, csv, dcm." in found[0]
+    assert "the format 'hex' is not available in this version. Choose from json, csv, cdfx, dcm." in found[0]
     assert "'dmc' is no calibration format. Did you mean dcm?" in found[1]
 
 

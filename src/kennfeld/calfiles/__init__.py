@@ -1,8 +1,25 @@
 """Calibration files: one converter a format, told apart by content when reading and by ending when writing."""
 
-from kennfeld.calfiles.files import CalibrationFile, ParameterSummary, describe, endings, read, write
+from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
+from kennfeld.calfiles.files import CalibrationFile, ParameterSummary, describe, endings, read, read_several, write
+from kennfeld.calfiles.merging import Change, Merged, merge
 from kennfeld.parameters import use_writer
 
-__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
+__all__ = [
+    "CalibrationFile",
+    "Change",
+    "Comparison",
+    "Difference",
+    "Merged",
+    "ParameterSummary",
+    "Tolerance",
+    "compare",
+    "describe",
+    "endings",
+    "merge",
+    "read",
+    "read_several",
+    "write",
+]
 
 use_writer(write)

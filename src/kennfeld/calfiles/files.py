@@ -2,11 +2,14 @@
 
 import os
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from kennfeld.calfiles.cdfx import read_cdfx, recognises_cdfx
+from kennfeld.calfiles.cdfx_writer import write_cdfx
 from kennfeld.calfiles.cvx import read_cvx, recognises_cvx
 from kennfeld.calfiles.cvx_writer import write_cvx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
@@ -17,11 +20,12 @@ from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
-__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "write"]
+__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
 
 _FORMATS = (
     Format("JSON", (".json",), recognises_json, read_json, write_json),
     Format("CVX (INCA's CSV)", (".csv",), recognises_cvx, read_cvx, write_cvx),
+    Format("CDFX", (".cdfx",), recognises_cdfx, read_cdfx, write_cdfx),
     Format("DCM", (".dcm",), recognises_dcm, read_dcm, write_dcm),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
@@ -75,8 +79,25 @@ def read(path: str | Path) -> ParameterSet:
     return _content(Path(path)).parameters
 
 
+def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
+    """The parameters of several files, and the remarks on what was left aside in them.
+
+    Raises `InputError` with the findings of all files that cannot be read.
+    """
+    contents: list[Content] = []
+    findings: list[Finding] = []
+    for path in paths:
+        try:
+            contents.append(_content(Path(path)))
+        except InputError as error:
+            findings += error.findings
+    if findings:
+        raise InputError(findings)
+    return [content.parameters for content in contents], tuple(one for content in contents for one in content.remarks)
+
+
 def write(parameters: ParameterSet, path: str | Path) -> None:
-    """Write a calibration file; the ending (.dcm, .json, .csv for INCA's CVX) chooses the format.
+    """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
 
     The file is complete or untouched. Raises `ArgumentError` for an unknown ending and `InputError`
     naming each parameter that the format cannot hold.

@@ -24,7 +24,7 @@ from kennfeld.project.toml import is_training, read_toml
 
 __all__ = ["read_datasets", "read_project"]
 
-_LATER_FORMATS = ("cdfx", "hex", "s19")
+_LATER_FORMATS = ("hex", "s19")
 
 
 def read_project(path: Path) -> ProjectFile:

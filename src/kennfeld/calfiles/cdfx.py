@@ -1,0 +1,332 @@
+"""CDFX 2.0, the calibration data format of ASAM: one SW-INSTANCE a label, its values and axes in physical units.
+
+A map is stored by groups, one for each y, with x running fastest. A common axis (COM_AXIS) is an instance of its own,
+to which tables refer by name: our group axis. The axis of a table may also be a curve (CURVE_AXIS) or a list of pairs
+(RES_AXIS) that turns a quantity into a position between the columns. Such an axis is resolved to breakpoints
+where that gives the same lookup, or where the file states them.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.cdfx_instances import Instance, instances
+from kennfeld.calfiles.cdfx_values import Values, array_size, values_of
+from kennfeld.calfiles.format import Content, Notes, Source, counted
+from kennfeld.calfiles.xml_tree import Element, parsed
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+
+__all__ = ["read_cdfx", "recognises_cdfx"]
+
+_ROOT = re.compile(r"<(?:[\w.-]+:)?MSRSW[\s/>]")
+_VERSION = re.compile(r"CDF(\d)(\d)")
+_PROLOG = 20_000  # characters before the root: declaration, document type, comments
+_SCALARS = ("VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE")  # so misspelt in the demo file of ASAM
+_BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
+_TABLES = {"CURVE": 1, "CURVE_AXIS": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
+_DIRECTIONS = ("x", "y", "z", "fourth")
+_MOST_DIMENSIONS = 4
+
+
+def recognises_cdfx(text: str) -> bool:
+    """Whether a text is XML whose root is that of CDFX."""
+    return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
+
+
+def read_cdfx(source: Source) -> Content:
+    """The parameters of a CDFX file, with variants or without; where there are several, the first variant counts.
+
+    Raises `InputError` with every finding; text tables, axes that cannot be resolved, functions and histories
+    are left aside with a remark. Entities are refused.
+    """
+    notes = Notes(source.name)
+    root = parsed(source.raw, notes)
+    if root is None:
+        notes.settle()
+        raise AssertionError("a document that is not read has a finding")
+    reader = _Reader(notes)
+    found = instances(root, notes)
+    if not found and not _holds(root, "SW-INSTANCE-TREE"):
+        notes.error(root.line, "", "has no SW-INSTANCE-TREE, where CDFX keeps its labels", "Export it as CDF 2.0.")
+    for instance in found:
+        if instance.category in ("COM_AXIS", "RES_AXIS", "CURVE_AXIS"):
+            reader.take_axis(instance)
+    for instance in found:
+        if instance.category not in ("COM_AXIS", "RES_AXIS"):
+            reader.take(instance)
+    remarks = notes.settle()
+    version = _VERSION.fullmatch(root.line_of("CATEGORY").strip())
+    kind = f"CDFX {version[1]}.{version[2]}" if version else "CDFX"
+    return Content(kind, ParameterSet(reader.members, reader.texts, reader.groups.values()), remarks)
+
+
+def _holds(root: Element, tag: str) -> bool:
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        if element.tag == tag:
+            return True
+        waiting += element.children
+    return False
+
+
+@dataclass(frozen=True)
+class _Positions:
+    """An axis that gives positions between columns: at `inputs[k]` the position is `positions[k]`."""
+
+    inputs: Float
+    positions: Float
+    unit: str
+
+    def breakpoints(self, columns: int) -> Float | None:
+        """The inputs of the columns 0, 1, ...; None where interpolating between them is another lookup.
+
+        Interpolation of a curve and then between columns bends at the curve's own breakpoints too, so these must lie
+        on columns.
+        """
+        if not np.array_equal(self.positions, np.arange(columns)) or np.any(np.diff(self.inputs) <= 0):
+            return None
+        return self.inputs
+
+
+class _Reader:
+    def __init__(self, notes: Notes) -> None:
+        self.notes = notes
+        self.members: list[Parameter] = []
+        self.texts: list[Text] = []
+        self.groups: dict[str, Axis] = {}
+        self.positions: dict[str, _Positions] = {}
+        self.broken: set[str] = set()  # axes with a finding of their own
+        self.taken: dict[str, tuple[int, object]] = {}  # each name: its line, and what it stands for
+
+    def take_axis(self, instance: Instance) -> None:
+        """Keep an axis that tables refer to."""
+        # A CURVE_AXIS is a parameter too, whose findings are noted where it is taken.
+        notes = Notes("") if instance.category == "CURVE_AXIS" else self.notes
+        values = values_of(instance.value, instance.name, notes)
+        if values is not None and values.texts:
+            if instance.category == "COM_AXIS":
+                self._left_aside(instance, "holds text, which is no breakpoint")
+        elif instance.category == "COM_AXIS":
+            self._take_group(instance, values)
+        elif values is not None and (found := self._positions(instance, values)):
+            self.positions[instance.name] = found
+        if instance.category == "RES_AXIS":
+            what = "RES_AXIS gives tables their breakpoints; as a parameter it is left aside"
+            self.notes.remark(instance.line, instance.name, what)
+
+    def _take_group(self, instance: Instance, values: Values | None) -> None:
+        points = None if values is None else np.array(values.numbers)
+        wrong = "has no breakpoints" if points is None else _fault(points)
+        if wrong or points is None:
+            self.broken.add(instance.name)
+            if values is not None or _is_empty(instance.value):
+                self._wrong(instance, f"COM_AXIS {wrong}")
+            return
+        axis = Axis(points, unit=instance.unit, name=instance.name)
+        if self._is_new(instance, axis):
+            self.groups[instance.name] = axis
+
+    def _positions(self, instance: Instance, values: Values) -> _Positions | None:
+        if instance.category == "RES_AXIS":
+            if len(values.shape) != 2 or values.shape[1] != 2:
+                return None
+            inputs, positions = np.array(values.numbers).reshape(-1, 2).T
+            return _Positions(inputs, positions, instance.unit)
+        axis = values_of(instance.axes[0], instance.name, Notes("")) if len(instance.axes) == 1 else None
+        if axis is None or len(axis.numbers) != len(values.numbers):
+            return None
+        unit = instance.axes[0].line_of("UNIT-DISPLAY-NAME")
+        return _Positions(np.array(axis.numbers), np.array(values.numbers), unit)
+
+    def take(self, instance: Instance) -> None:
+        """Check an instance and keep what it holds."""
+        category = instance.category
+        if instance.value is None:
+            self._left_aside(instance, "holds no values")
+            return
+        if category not in (*_SCALARS, *_BLOCKS, *_TABLES, "ASCII"):
+            what = f"has the category {category[:40]}, which no parameter holds" if category else "has no CATEGORY"
+            self._left_aside(instance, what)
+            return
+        values = values_of(instance.value, instance.name, self.notes)
+        if values is None:
+            if _is_empty(instance.value):
+                self._wrong(instance, f"{category} has no SW-VALUES-PHYS")
+        elif category == "ASCII" or (category in _SCALARS and values.texts):
+            self._take_text(instance, values)
+        elif values.texts:
+            self._left_aside(instance, f"{category} holds text, which is no number to calibrate")
+        else:
+            self._take_member(instance, values)
+
+    def _take_text(self, instance: Instance, values: Values) -> None:
+        if values.numbers or len(values.texts) > 1:
+            found = counted(len(values.numbers) + len(values.texts), "value")
+            self._wrong(instance, f"{instance.category} has {found}, not one text")
+            return
+        text = Text(instance.name, "".join(values.texts), instance.description)
+        if self._is_new(instance, text):
+            self.texts.append(text)
+
+    def _take_member(self, instance: Instance, values: Values) -> None:
+        makers: dict[str, Callable[[Instance, Values], Parameter | None]] = dict.fromkeys(_SCALARS, self._scalar)
+        makers |= dict.fromkeys(_BLOCKS, self._block)
+        member = makers.get(instance.category, self._table)(instance, values)
+        if member is not None and self._is_new(instance, member):
+            self.members.append(member)
+
+    def _is_new(self, instance: Instance, made: object) -> bool:
+        """Whether a name comes for the first time; a repetition must hold the same."""
+        line, first = self.taken.setdefault(instance.name, (instance.line, made))
+        if first is not made and first != made:
+            what = f"{instance.name} is defined a second time, with another content than in line {line}"
+            self._wrong(instance, what, "Keep one of the two.")
+        return first is made
+
+    def _scalar(self, instance: Instance, values: Values) -> Parameter | None:
+        if len(values.numbers) != 1:
+            self._wrong(instance, f"{instance.category} has {counted(len(values.numbers), 'value')}, not one")
+            return None
+        if instance.category.startswith("DEP"):
+            what = "is a dependent value: its number is read, the formula for it is in the A2L file"
+            self.notes.remark(instance.line, instance.name, what)
+        return parameter(instance.name, values.numbers[0], unit=instance.unit, description=instance.description)
+
+    def _block(self, instance: Instance, values: Values) -> Parameter | None:
+        assert instance.value is not None
+        stated, shape = array_size(instance.value), values.shape[::-1]
+        if len(shape) == 1:
+            shape = _without_ones(stated) if prod(stated) == shape[0] and stated else shape
+        elif stated and _without_ones(stated) != _without_ones(shape):
+            said, found = (" x ".join(map(str, sizes)) for sizes in (stated, shape))
+            self._wrong(instance, f"SW-ARRAYSIZE asks for {said} values, the groups hold {found}")
+            return None
+        if not values.numbers or (len(values.shape) == 1 and stated and prod(stated) != len(values.numbers)):
+            asked = f", SW-ARRAYSIZE asks for {' x '.join(map(str, stated))}" if stated else ""
+            self._wrong(instance, f"{instance.category} has {counted(len(values.numbers), 'value')}{asked}")
+            return None
+        if len(shape) > _MOST_DIMENSIONS:
+            self._left_aside(instance, f"has {len(shape)} dimensions, a value block at most {_MOST_DIMENSIONS}")
+            return None
+        array = values.shaped(shape)
+        assert array is not None
+        return Block(instance.name, array, unit=instance.unit, description=instance.description)
+
+    def _table(self, instance: Instance, values: Values) -> Parameter | None:
+        wanted = _TABLES[instance.category]
+        if len(instance.axes) != wanted:
+            found = counted(len(instance.axes), "SW-AXIS-CONT")
+            self._wrong(instance, f"{instance.category} has {found}, it needs {wanted}")
+            return None
+        sizes = values.shape[::-1] if len(values.shape) == wanted else (0,) * wanted
+        found_axes = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
+        axes = [axis for axis in found_axes if axis is not None]
+        if len(axes) < wanted:
+            return None
+        array = values.shaped(tuple(map(len, axes)))
+        if array is None:
+            has = " x ".join(map(str, values.shape[::-1]))
+            asked = " x ".join(str(len(axis)) for axis in axes)
+            self._wrong(instance, f"{instance.category} has {has} values, its axes ask for {asked}")
+            return None
+        return parameter(instance.name, array, axes, unit=instance.unit, description=instance.description)
+
+    def _axis(self, instance: Instance, direction: int, size: int) -> Axis | None:
+        cont = instance.axes[direction]
+        reference = cont.line_of("SW-INSTANCE-REF").strip()
+        category = cont.line_of("CATEGORY").strip().upper()
+        given = values_of(cont, instance.name, self.notes)
+        if given is not None and given.texts:
+            self._left_aside(instance, f"has text on its {_DIRECTIONS[direction]} axis")
+            return None
+        points = None if given is None else np.array(given.numbers)
+        if category in ("RES_AXIS", "CURVE_AXIS") or reference in self.positions:
+            return self._resolved(instance, direction, reference, points, size)
+        if reference:
+            return self._referred(instance, direction, reference, points)
+        if points is None:
+            if _is_empty(cont):
+                self._wrong(instance, f"has no {_DIRECTIONS[direction]} breakpoints")
+            return None
+        fault = _fault(points)
+        if fault:
+            mend = "Each breakpoint must be larger than the one before." if points.size else ""
+            self.notes.error(cont.line, instance.name, f"the {_DIRECTIONS[direction]} axis {fault}", mend)
+            return None
+        return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"))
+
+    def _referred(self, instance: Instance, direction: int, reference: str, points: Float | None) -> Axis | None:
+        cont, letter = instance.axes[direction], _DIRECTIONS[direction]
+        if reference in self.broken:
+            return None
+        if reference not in self.groups and (points is None or _fault(points)):
+            what = f"refers to the {letter} axis {reference}, which is not in this file"
+            self._left_aside(instance, what, "Export the axis along with it.")
+            return None
+        if reference not in self.groups and points is not None:
+            unit = cont.line_of("UNIT-DISPLAY-NAME")
+            self.groups[reference] = Axis(points, unit=unit, name=reference)
+        group = self.groups[reference]
+        unit = cont.line_of("UNIT-DISPLAY-NAME") if cont.first("UNIT-DISPLAY-NAME") else group.unit
+        if points is None or np.array_equal(points, group.breakpoints):
+            return group.changed(unit=unit)
+        fault = _fault(points)
+        if fault:
+            self.notes.error(cont.line, instance.name, f"the {letter} axis {fault}")
+            return None
+        what = f"has other {letter} breakpoints than the group axis {reference}; they are kept as an axis of its own"
+        self.notes.remark(cont.line, instance.name, what)
+        return Axis(points, unit=unit)
+
+    def _resolved(
+        self, instance: Instance, direction: int, reference: str, points: Float | None, size: int
+    ) -> Axis | None:
+        cont = instance.axes[direction]
+        known = self.positions.get(reference)
+        unit = cont.line_of("UNIT-DISPLAY-NAME") or (known.unit if known else "")
+        if points is None and known is not None:
+            points = known.breakpoints(size)
+        if points is None or _fault(points):
+            kind = cont.line_of("CATEGORY").strip() or "axis"
+            what = f"has breakpoints that do not follow from the {kind} {reference}"
+            self._left_aside(instance, what)
+            return None
+        return Axis(points, unit=unit)
+
+    def _left_aside(self, instance: Instance, what: str, mend: str = "") -> None:
+        self.notes.remark(instance.line, instance.name, f"{what}; left aside", mend)
+
+    def _wrong(self, instance: Instance, what: str, mend: str = "") -> None:
+        self.notes.error(instance.line, instance.name, what, mend)
+
+
+def _is_empty(holder: Element | None) -> bool:
+    """Whether values are missing, as against wrong ones, which have findings of their own."""
+    return holder is None or holder.first("SW-VALUES-PHYS") is None
+
+
+def _without_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
+    """Sizes without the ones that tools append; (3, 1) and (3,) hold the same."""
+    kept = len(sizes)
+    while kept > 1 and sizes[kept - 1] == 1:
+        kept -= 1
+    return sizes[:kept]
+
+
+def _fault(points: Float) -> str:
+    """What is wrong with breakpoints; empty where nothing is."""
+    if not points.size:
+        return "has no breakpoints"
+    falling = np.flatnonzero(points[1:] <= points[:-1])
+    if not falling.size:
+        return ""
+    at = int(falling[0])
+    return (
+        f"does not increase: breakpoint {at + 2} ({points[at + 1]:g}) does not exceed "
+        f"breakpoint {at + 1} ({points[at]:g})"
+    )

@@ -1,0 +1,306 @@
+"""CDFX as tools write it: variants, cascades, references, and what is refused."""
+
+import random
+
+import numpy as np
+import pytest
+
+from kennfeld.calfiles import describe, read, write
+from kennfeld.errors import InputError
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+
+HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
+FRAME = (
+    "<MSRSW{space}><CATEGORY>CDF20</CATEGORY><SW-SYSTEMS><SW-SYSTEM><SW-INSTANCE-SPEC><SW-INSTANCE-TREE>\n"
+    "{instances}</SW-INSTANCE-TREE></SW-INSTANCE-SPEC></SW-SYSTEM></SW-SYSTEMS></MSRSW>\n"
+)
+
+
+def numbers(*values):
+    return f"<SW-VALUES-PHYS>{''.join(f'<V>{value}</V>' for value in values)}</SW-VALUES-PHYS>"
+
+
+def groups(*rows):
+    inner = "".join(f"<VG><LABEL>9</LABEL>{''.join(f'<V>{value}</V>' for value in row)}</VG>" for row in rows)
+    return f"<SW-VALUES-PHYS>{inner}</SW-VALUES-PHYS>"
+
+
+def axis(content, category="STD_AXIS"):
+    return f"<SW-AXIS-CONT><CATEGORY>{category}</CATEGORY>{content}</SW-AXIS-CONT>"
+
+
+def reference(name):
+    return f"<SW-INSTANCE-REF>{name}</SW-INSTANCE-REF>"
+
+
+def instance(name, category, values, *axes, more=""):
+    held = f"<SW-VALUE-CONT>{values}</SW-VALUE-CONT><SW-AXIS-CONTS>{''.join(axes)}</SW-AXIS-CONTS>"
+    return f"<SW-INSTANCE><SHORT-NAME>{name}</SHORT-NAME><CATEGORY>{category}</CATEGORY>{held}{more}</SW-INSTANCE>\n"
+
+
+@pytest.fixture
+def cdfx(written):
+    def make(*instances, space="", head=HEAD):
+        return written(head + FRAME.format(instances="".join(instances), space=space), "a.cdfx")
+
+    return make
+
+
+def remarks(path):
+    return [str(remark) for remark in describe(path).remarks]
+
+
+def refused(path):
+    with pytest.raises(InputError) as caught:
+        read(path)
+    return [str(finding) for finding in caught.value.findings]
+
+
+class TestReading:
+    def test_a_map_has_a_group_for_each_y(self, cdfx):
+        path = cdfx(instance("M", "MAP", groups([1, 2, 3], [4, 5, 6]), axis(numbers(0, 1, 2)), axis(numbers(7, 8))))
+        assert read(path)["M"] == Map("M", [0, 1, 2], [7, 8], [[1, 4], [2, 5], [3, 6]])
+
+    def test_a_cuboid_has_groups_within_groups(self, cdfx):
+        plane = "<VG><VG><V>1</V><V>2</V></VG><VG><V>3</V><V>4</V></VG><VG><V>5</V><V>6</V></VG></VG>"
+        values = f"<SW-VALUES-PHYS>{plane}</SW-VALUES-PHYS>"
+        made = [axis(numbers(0, 1)), axis(numbers(0, 1, 2)), axis(numbers(9))]
+        found = read(cdfx(instance("Q", "CUBOID", values, *made)))["Q"]
+        assert found == Cube("Q", [[0, 1], [0, 1, 2], [9]], [[[1], [3], [5]], [[2], [4], [6]]])
+
+    @pytest.mark.parametrize("category", ["VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE"])
+    def test_a_number_of_any_category_is_a_scalar(self, cdfx, category):
+        assert read(cdfx(instance("K", category, numbers("1.5e1")))) == ParameterSet([Scalar("K", 15)])
+
+    @pytest.mark.parametrize("category", ["VALUE", "BOOLEAN", "ASCII"])
+    def test_a_word_is_a_text(self, cdfx, category):
+        path = cdfx(instance("K", category, "<SW-VALUES-PHYS><VT> on </VT></SW-VALUES-PHYS>"))
+        assert read(path).texts == (Text("K", " on "),)
+
+    def test_hexadecimal_and_float_numbers(self, cdfx):
+        values = "<SW-VALUES-PHYS><VH>0x1F</VH><VF>.5</VF></SW-VALUES-PHYS>"
+        assert read(cdfx(instance("B", "VAL_BLK", values)))["B"] == Block("B", [31, 0.5])
+
+    def test_a_flat_block_takes_the_shape_it_states(self, cdfx):
+        size = "<SW-ARRAYSIZE><V>3</V><V>2</V><V>1</V></SW-ARRAYSIZE>"
+        assert read(cdfx(instance("B", "VAL_BLK", size + numbers(*range(6)))))["B"] == Block(
+            "B", [[0, 3], [1, 4], [2, 5]]
+        )
+
+    def test_tables_share_a_common_axis_wherever_it_stands(self, cdfx):
+        curve = instance("C", "CURVE", numbers(1, 2), axis(reference("N"), "COM_AXIS"))
+        bare = instance("D", "CURVE", numbers(3, 4), f"<SW-AXIS-CONT>{reference('N')}</SW-AXIS-CONT>")
+        common = instance("N", "COM_AXIS", "<UNIT-DISPLAY-NAME>rpm</UNIT-DISPLAY-NAME>" + numbers(5, 6))
+        shared = Axis([5, 6], unit="rpm", name="N")
+        expected = ParameterSet([Curve("C", shared, [1, 2]), Curve("D", shared, [3, 4])], (), [shared])
+        assert read(cdfx(curve, bare, common)) == expected
+
+    def test_a_common_axis_that_is_elsewhere_leaves_the_table_aside(self, cdfx):
+        path = cdfx(instance("C", "CURVE", numbers(1, 2), axis(reference("N"), "COM_AXIS")))
+        assert len(read(path)) == 0
+        assert "(C): refers to the x axis N, which is not in this file; left aside" in remarks(path)[0]
+
+    def test_a_curve_axis_gives_breakpoints_where_the_lookup_stays_the_same(self, cdfx):
+        maker = instance("A", "CURVE_AXIS", numbers(0, 1, 2), axis(numbers(10, 40, 90)))
+        curve = instance("C", "CURVE", numbers(7, 8, 9), axis(reference("A"), "CURVE_AXIS"))
+        assert read(cdfx(curve, maker))["C"] == Curve("C", [10, 40, 90], [7, 8, 9])
+
+    @pytest.mark.parametrize("positions", [(0, 1.5, 2), (0, 0, 2), (1, 2, 3)])
+    def test_a_curve_axis_that_bends_elsewhere_leaves_the_table_aside(self, cdfx, positions):
+        maker = instance("A", "CURVE_AXIS", numbers(*positions), axis(numbers(10, 40, 90)))
+        path = cdfx(maker, instance("C", "CURVE", numbers(7, 8, 9), axis(reference("A"), "CURVE_AXIS")))
+        assert list(read(path)) == ["A"]
+        assert "(C): has breakpoints that do not follow from the CURVE_AXIS A; left aside" in remarks(path)[0]
+
+    def test_a_rescale_axis_gives_breakpoints(self, cdfx):
+        pairs = instance("A", "RES_AXIS", groups([10, 0], [40, 1]))
+        path = cdfx(pairs, instance("C", "CURVE", numbers(7, 8), axis(reference("A"), "RES_AXIS")))
+        assert list(read(path).parameters) == [Curve("C", [10, 40], [7, 8])]
+        assert "(A)" in remarks(path)[0]
+
+    def test_stated_breakpoints_count_for_a_rescale_axis(self, cdfx):
+        made = axis(reference("A") + numbers(10, 40), "RES_AXIS")
+        assert read(cdfx(instance("C", "CURVE", numbers(7, 8), made)))["C"] == Curve("C", [10, 40], [7, 8])
+
+    def test_the_first_variant_counts_and_the_others_are_named(self, cdfx):
+        variant = "<SW-INSTANCE-PROPS-VARIANT>{ref}<SW-VALUE-CONT>{values}</SW-VALUE-CONT></SW-INSTANCE-PROPS-VARIANT>"
+        both = variant.format(ref="", values=numbers(1)) + variant.format(
+            ref="<VARIANT-DEF-REF>Manual</VARIANT-DEF-REF>", values=numbers(2)
+        )
+        path = cdfx(
+            "<SW-INSTANCE><SHORT-NAME>K</SHORT-NAME><CATEGORY>VALUE</CATEGORY>"
+            f"<SW-INSTANCE-PROPS-VARIANTS>{both}</SW-INSTANCE-PROPS-VARIANTS></SW-INSTANCE>"
+        )
+        assert read(path) == ParameterSet([Scalar("K", 1)])
+        assert "(K): is another variant (Manual) of the label in line 3; left aside" in remarks(path)[0]
+
+    def test_labels_within_labels_have_dots(self, cdfx):
+        inner = instance("c", "VALUE", numbers(1)) + instance("[0]", "VALUE", numbers(2))
+        outer = f"<SW-INSTANCE><SHORT-NAME>a</SHORT-NAME><CATEGORY>STRUCTURE</CATEGORY>{inner}</SW-INSTANCE>"
+        assert read(cdfx(outer)) == ParameterSet([Scalar("a.c", 1), Scalar("a[0]", 2)])
+
+    def test_a_namespace_changes_nothing(self, cdfx):
+        assert "K" in read(cdfx(instance("K", "VALUE", numbers(1)), space=' xmlns="http://www.asam.net/cdf"'))
+
+    def test_marks_within_a_unit_are_read_in_their_order(self, cdfx):
+        unit = "<UNIT-DISPLAY-NAME>kg/m<SUP>3</SUP> dry</UNIT-DISPLAY-NAME>"
+        assert read(cdfx(instance("K", "VALUE", unit + numbers(1))))["K"].unit == "kg/m3 dry"
+
+    @pytest.mark.parametrize("encoding", ["utf-8", "iso-8859-1", "utf-16", "utf-8-sig", "windows-1252"])
+    def test_the_declared_encoding_counts(self, written, encoding):
+        text = FRAME.format(
+            space="",
+            instances=instance("K", "VALUE", "<UNIT-DISPLAY-NAME>°C</UNIT-DISPLAY-NAME>" + numbers(1)),
+        )
+        declared = encoding.removesuffix("-sig")
+        path = written(f'<?xml version="1.0" encoding="{declared}"?>\n{text}', "a.cdfx", encoding)
+        assert read(path)["K"].unit == "°C"
+
+    def test_functions_are_told_as_left_aside(self, cdfx):
+        path = cdfx(instance("K", "VALUE", numbers(1), more="<SW-FEATURE-REF>Idle</SW-FEATURE-REF>"))
+        assert remarks(path) == ["a.cdfx: 1 name of functions left aside"]
+
+    def test_a_table_of_words_is_left_aside(self, cdfx):
+        values = "<SW-VALUES-PHYS><VT>on</VT><VT>off</VT></SW-VALUES-PHYS>"
+        path = cdfx(instance("C", "CURVE", values, axis(numbers(1, 2))))
+        assert len(read(path)) == 0
+        assert "CURVE holds text" in remarks(path)[0]
+
+
+class TestRefusing:
+    def test_every_problem_is_named_with_its_line(self, cdfx):
+        path = cdfx(
+            instance("K", "VALUE", numbers(1, 2)),
+            instance("C", "CURVE", numbers("1,5", 2), axis(numbers(1, 2))),
+            instance("D", "CURVE", numbers(1, 2, 3), axis(numbers(1, 2))),
+            instance("E", "CURVE", numbers(1, 2), axis(numbers(2, 1))),
+            instance("F", "MAP", groups([1, 2], [3]), axis(numbers(1, 2)), axis(numbers(1, 2))),
+            instance("G", "MAP", groups([1, 2]), axis(numbers(1, 2))),
+            instance("H", "CURVE", "", axis(numbers(1, 2))),
+            instance("I", "VALUE", numbers("1_000")),
+            instance("N", "COM_AXIS", numbers(1, 1)),
+            instance("J", "CURVE", numbers(1, 2), axis(reference("N"))),
+            instance("B", "VAL_BLK", "<SW-ARRAYSIZE><V>4</V></SW-ARRAYSIZE>" + numbers(1, 2)),
+        )
+        assert refused(path) == [
+            "a.cdfx line 3 (K): VALUE has 2 values, not one",
+            "a.cdfx line 4 (C): '1,5' is no finite number. Write a decimal point.",
+            "a.cdfx line 5 (D): CURVE has 3 values, its axes ask for 2",
+            "a.cdfx line 6 (E): the x axis does not increase: breakpoint 2 (1) does not exceed breakpoint 1 (2). "
+            "Each breakpoint must be larger than the one before.",
+            "a.cdfx line 7 (F): group 2 has 1 value, the first has 2 values",
+            "a.cdfx line 8 (G): MAP has 1 SW-AXIS-CONT, it needs 2",
+            "a.cdfx line 9 (H): CURVE has no SW-VALUES-PHYS",
+            "a.cdfx line 10 (I): '1_000' is no finite number",
+            "a.cdfx line 11 (N): COM_AXIS does not increase: breakpoint 2 (1) does not exceed breakpoint 1 (1)",
+            "a.cdfx line 13 (B): VAL_BLK has 2 values, SW-ARRAYSIZE asks for 4",
+        ]
+
+    def test_a_label_may_come_twice_only_with_the_same_content(self, cdfx):
+        once = instance("K", "VALUE", numbers(1))
+        assert len(read(cdfx(once, once))) == 1
+        assert refused(cdfx(once, instance("K", "VALUE", numbers(2)))) == [
+            "a.cdfx line 4 (K): K is defined a second time, with another content than in line 3. Keep one of the two."
+        ]
+
+    @pytest.mark.parametrize(
+        "entity",
+        [
+            '<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;">',
+            '<!ENTITY a SYSTEM "file:///etc/passwd">',
+            '<!ENTITY % a SYSTEM "file:///etc/passwd"> %a;',
+        ],
+    )
+    def test_entities_are_refused_where_they_are_declared(self, cdfx, entity):
+        head = f"{HEAD}<!DOCTYPE MSRSW [{entity}]>\n"
+        assert refused(cdfx(instance("&a;", "VALUE", numbers(1)), head=head)) == [
+            "a.cdfx line 2: declares the entity a. Remove the declarations within <!DOCTYPE ...>."
+        ]
+
+    def test_an_entity_of_an_outer_document_is_refused(self, cdfx):
+        head = f'{HEAD}<!DOCTYPE MSRSW PUBLIC "a" "http://localhost/cdf.dtd">\n'
+        found = refused(cdfx(instance("K", "VALUE", numbers("&a;")), head=head))
+        assert found == [
+            "a.cdfx line 4: uses the entity a, which it does not declare. Write the characters themselves."
+        ]
+
+    def test_endless_depth_is_refused(self, written):
+        found = refused(written(f"{HEAD}<MSRSW>{'<SW-INSTANCE>' * 100_000}", "a.cdfx"))
+        assert found == ["a.cdfx line 2: has elements more than 100 levels deep"]
+
+    def test_a_cut_off_file_is_refused(self, cdfx):
+        path = cdfx(instance("K", "VALUE", numbers(1)))
+        path.write_bytes(path.read_bytes()[:-30])
+        assert "is no well-formed XML" in refused(path)[0]
+
+    def test_a_file_without_labels_is_refused(self, written):
+        assert "has no SW-INSTANCE-TREE" in refused(written(f"{HEAD}<MSRSW></MSRSW>", "a.cdfx"))[0]
+
+
+class TestWriting:
+    def test_what_it_cannot_hold_is_named(self, tmp_path):
+        speed = Axis([1, 2], name="K")
+        parameters = ParameterSet([Scalar("K", np.nan), Curve(" C", speed, [1, 2])], [Text("T", "\x01")])
+        with pytest.raises(InputError) as caught:
+            write(parameters, tmp_path / "a.cdfx")
+        assert [str(finding) for finding in caught.value.findings] == [
+            "a.cdfx (' C'): ".replace("' C'", " C")
+            + "' C' cannot be a name in CDFX: blanks around it or controls in it. Rename it.",
+            "a.cdfx (K): is given twice; parameters, texts and group axes share their names. Rename one.",
+            "a.cdfx (K): CDFX cannot hold values that are not finite. Write it as .json.",
+            "a.cdfx (T): XML cannot hold a text with control characters. Write it as .json.",
+        ]
+        assert not list(tmp_path.iterdir())
+
+    def test_texts_keep_their_line_breaks(self, tmp_path):
+        parameters = ParameterSet((), [Text("T", "a\r\nb\t<&>\rc ")])
+        write(parameters, tmp_path / "a.cdfx")
+        assert read(tmp_path / "a.cdfx") == parameters
+
+
+def test_the_demo_of_asam_says_what_is_left_aside(shared_data):
+    path = shared_data / "cdfx/asamint_CDF20demo.cdfx"
+    found = read(path)
+    assert found["CDF20.MATRIX_DIM.N341_wS8"].values[:, 1].tolist() == [
+        0.4028443250831629,
+        0.5005035554063539,
+        0.5981627857295450,
+    ]
+    assert found["CDF20.curve.GKL_xCOM_wU16"].axes[0] == Axis(
+        [2, 5, 6, 14, 16], unit="°C", name="CDF20.axis.X_AXIS_xU16"
+    )
+    assert found.texts[0] == Text("CDF20.BOOLEAN.FW_wU8", "true", "BIT_MASK 0x0001")
+    assert len(remarks(path)) == 6
+
+
+def test_mutated_copies_are_read_or_refused(shared_data, tmp_path):
+    raw = (shared_data / "cdfx/asamint_CDF20demo.cdfx").read_bytes()
+    path, chance = tmp_path / "a.cdfx", random.Random(0)
+    refusals = 0
+    for _ in range(1000):
+        path.write_bytes(mutated(raw, chance))
+        refusals += is_refused(path)
+    assert 100 < refusals < 1000
+
+
+def is_refused(path):
+    """Whether a file is refused; any exception but `InputError` fails the test."""
+    try:
+        read(path)
+    except InputError as error:
+        return bool(error.findings)
+    return False
+
+
+def mutated(raw, chance):
+    """The file with a few bytes, numbers, tags or pieces changed."""
+    changed = bytearray(raw)
+    for _ in range(chance.randint(1, 4)):
+        at = chance.randrange(len(changed))
+        piece = chance.choice([b"9", b"<V>1</V>", b"", b"MAP", b"&lt;", b"VG", b"-", b"\xe4", b"COM_AXIS", b" "])
+        length = chance.choice([0, 1, 1, len(piece), 400])
+        if chance.random() < 0.6:  # within the values, where the document stays well-formed
+            at = raw.find(b"<V>", at % len(raw)) + 3
+            piece, length = chance.choice([b"9", b"-", b"e", b"1</V><V>", b"</V>", b"1e999", b"nan"]), 1
+        changed[at : at + length] = piece
+    return bytes(changed)

@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+from calibration_sets import parameter_sets
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kennfeld.calfiles import Comparison, Difference, Tolerance, compare
+from kennfeld.errors import ArgumentError
+from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
+
+few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+SPEED = Axis([1000, 2000], unit="rpm", name="Speed")
+
+
+def differences(left, right, **tolerance):
+    as_set = [one if isinstance(one, ParameterSet) else ParameterSet([one]) for one in (left, right)]
+    return compare(*as_set, Tolerance(**tolerance)).differences
+
+
+@few
+@given(members=parameter_sets(cubes=True))
+def test_a_set_equals_itself(members):
+    names = {*members, *(text.name for text in members.texts), *(axis.name for axis in members.axes)}
+    assert compare(members, members) == Comparison((), len(names))
+
+
+@few
+@given(members=parameter_sets(cubes=True), data=st.data())
+def test_one_changed_number_is_the_only_difference(members, data):
+    if not len(members):
+        return
+    chosen = data.draw(st.sampled_from(members.parameters))
+    at = data.draw(st.integers(0, chosen.size - 1))
+    values = chosen.values.ravel().copy()
+    values[at] = np.nextafter(values[at], 0.0 if values[at] else 1.0)
+    [found] = compare(members, members.with_parameters(chosen.with_values(values))).differences
+    assert (found.name, found.aspect, found.count, found.total) == (chosen.name, "values", 1, chosen.size)
+    assert float(found.left) == chosen.values[found.index]
+    assert float(found.right) == values[at]
+
+
+def test_the_largest_difference_is_told_with_its_place():
+    left = Map("M", [0, 1], SPEED, [[1, 2], [3, 4]])
+    right = Map("M", [0, 1], SPEED, [[1, 2.5], [1, 4]])
+    assert differences(left, right) == (Difference("M", "values", "3.0", "1.0", 2, 4, 2.0, (1, 0), "x = 1, y = 1000"),)
+
+
+def test_a_missing_value_is_farther_away_than_any_number():
+    [found] = differences(Block("B", [1.0, 2.0, np.nan]), Block("B", [1e300, np.nan, np.nan]))
+    assert (found.count, found.index, found.largest, found.place) == (2, (1,), np.inf, "[1]")
+    assert found.as_json["largest"] is None
+    assert found.as_json["right"] is None
+
+
+def test_zero_has_no_sign():
+    assert differences(Scalar("K", 0.0), Scalar("K", -0.0)) == ()
+
+
+def test_differences_beyond_the_largest_number_are_told():
+    [found] = differences(Scalar("K", 1.7e308), Scalar("K", -1.7e308))
+    assert found.largest == np.inf
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "equal"),
+    [({}, False), ({"absolute": 0.5}, True), ({"absolute": 0.49}, False), ({"relative": 0.005}, True)],
+)
+def test_tolerances(tolerance, equal):
+    assert (differences(Scalar("K", 100.0), Scalar("K", 100.5), **tolerance) == ()) is equal
+
+
+@pytest.mark.parametrize("given", [-1.0, np.nan, np.inf])
+def test_a_tolerance_must_be_a_number_from_0_on(given):
+    with pytest.raises(ArgumentError, match="is no tolerance"):
+        Tolerance(given)
+
+
+def test_what_only_one_has():
+    left = ParameterSet([Scalar("K", 1)], [Text("T", "a")])
+    right = ParameterSet([Curve("C", SPEED, [1, 2])])
+    assert differences(left, right) == (
+        Difference("K", "presence", "scalar", ""),
+        Difference("T", "presence", "text", ""),
+        Difference("C", "presence", "", "curve of 2"),
+        Difference("Speed", "presence", "", "group axis of 2"),
+    )
+
+
+def test_a_group_axis_is_told_once():
+    moved = SPEED.changed(breakpoints=np.array([1000.0, 2500.0]))
+    left, right = (ParameterSet([Curve("C", axis, [1, 2]), Curve("D", axis, [1, 2])]) for axis in (SPEED, moved))
+    assert differences(left, right) == (
+        Difference("Speed", "breakpoints", "2000.0", "2500.0", 1, 2, 500.0, (1,), "[1]"),
+    )
+
+
+def test_kinds_sizes_units_axes_and_texts():
+    own = SPEED.changed(name="")
+    assert differences(Scalar("K", 1), Block("K", [1])) == (Difference("K", "kind", "scalar", "block of 1"),)
+    assert differences(Block("B", [1, 2]), Block("B", [1])) == (Difference("B", "size", "2", "1"),)
+    assert differences(Scalar("K", 1, unit="Nm"), Scalar("K", 1)) == (Difference("K", "unit", "Nm", ""),)
+    assert differences(Curve("C", own, [1, 2]), Curve("C", own.changed(unit="1/s"), [1, 2])) == (
+        Difference("C", "x unit", "rpm", "1/s"),
+    )
+    assert differences(Curve("C", own, [1, 2]), Curve("C", [1000, 2001], [1, 2])) == (
+        Difference("C", "x breakpoints", "2000.0", "2001.0", 1, 2, 1.0, (1,), "[1]"),
+        Difference("C", "x unit", "rpm", ""),
+    )
+    assert Difference("C", "x group axis", "Speed", "none") in differences(
+        Curve("C", SPEED, [1, 2]), Curve("C", own, [1, 2])
+    )
+    texts = [ParameterSet((), [Text("T", text)]) for text in "ab"]
+    assert differences(*texts) == (Difference("T", "text", "a", "b"),)
+    assert differences(texts[0], Scalar("T", 1)) == (Difference("T", "kind", "text", "scalar"),)

@@ -1,0 +1,63 @@
+import pytest
+from calibration_sets import parameter_sets
+from hypothesis import HealthCheck, given, settings
+
+from kennfeld.calfiles import merge
+from kennfeld.errors import InputError
+from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar, Text
+
+few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+SLOW, FAST = (Axis(points, name="Speed") for points in ([1, 2], [1, 3]))
+
+
+def told(merged):
+    return [(change.name, change.source, change.replaces) for change in merged.changes]
+
+
+@few
+@given(members=parameter_sets(cubes=True))
+def test_merging_a_set_with_itself_changes_nothing(members):
+    merged = merge([("a", members), ("b", members)])
+    assert merged.parameters == members
+    assert merged.changes == ()
+
+
+def test_later_ones_win_and_new_ones_follow():
+    first = ParameterSet([Scalar("A", 1), Scalar("B", 2)], [Text("T", "x")])
+    second = ParameterSet([Scalar("C", 3), Scalar("A", 9)], [Text("T", "y")])
+    third = ParameterSet([Scalar("A", 10), Scalar("B", 2)])
+    merged = merge([("1", first), ("2", second), ("3", third)])
+    expected = ParameterSet([Scalar("A", 10), Scalar("B", 2), Scalar("C", 3)], [Text("T", "y")])
+    assert merged.parameters == expected
+    assert told(merged) == [("C", "2", ""), ("A", "2", "1"), ("T", "2", "1"), ("A", "3", "2")]
+    assert merged.changes[-1].differences[0].largest == 1.0
+
+
+def test_a_number_may_replace_a_text():
+    merged = merge([("1", ParameterSet((), [Text("K", "on")])), ("2", ParameterSet([Scalar("K", 1)]))])
+    assert merged.parameters == ParameterSet([Scalar("K", 1)])
+    assert merged.changes[0].differences[0].aspect == "kind"
+
+
+def test_a_group_axis_moves_with_all_its_tables():
+    old = ParameterSet([Curve("C", SLOW, [1, 2]), Curve("D", SLOW, [1, 2])])
+    new = ParameterSet([Curve("C", FAST, [1, 2]), Curve("D", FAST, [1, 2])])
+    merged = merge([("old", old), ("new", new)])
+    assert merged.parameters == new
+    assert told(merged) == [("C", "new", "old"), ("D", "new", "old"), ("Speed", "new", "old")]
+
+
+@pytest.mark.parametrize("new", [ParameterSet([Curve("C", FAST, [1, 2])]), ParameterSet((), (), [FAST])])
+def test_a_table_that_stays_keeps_its_group_axis(new):
+    old = ParameterSet([Curve("D", SLOW, [1, 2]), Curve("E", SLOW, [1, 2])])
+    with pytest.raises(InputError) as caught:
+        merge([("old.dcm", old), ("new.dcm", new)])
+    assert str(caught.value) == (
+        "new.dcm: group axis Speed has other breakpoints than in old.dcm, from where D, E would stay. "
+        "Give these tables in new.dcm too, or make the breakpoints agree."
+    )
+
+
+def test_a_group_axis_without_a_table_is_replaced():
+    merged = merge([("old", ParameterSet((), (), [SLOW])), ("new", ParameterSet((), (), [FAST]))])
+    assert merged.parameters.axes == (FAST,)
