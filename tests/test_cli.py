@@ -634,9 +634,17 @@ class TestDiffAndMerge:
         assert "c.dcm line 2 (K): 'x' is no finite number" in found
         assert "nowhere.dcm: there is no such file" in found
 
-    def test_a_wrong_tolerance_is_refused(self, files, capsys):
-        assert cli.run(["diff", "a.dcm", "b.cdfx", "--tolerance", "-1"]) == 2
-        assert "absolute=-1.0 is no tolerance" in capsys.readouterr().err
+    @pytest.mark.parametrize(
+        ("option", "given", "said"),
+        [
+            ("--tolerance", "-1", "Invalid value for '--tolerance'"),
+            ("--relative", "some", "Invalid value for '--relative'"),
+            ("--relative", "inf", "relative=inf is no tolerance"),
+        ],
+    )
+    def test_a_wrong_tolerance_is_refused(self, files, option, given, said, capsys):
+        assert cli.run(["diff", "a.dcm", "b.cdfx", option, given]) == 2
+        assert said in capsys.readouterr().err
 
     def test_merge_tells_what_it_replaced(self, files, capsys):
         assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "c.json"]) == 0

@@ -81,7 +81,9 @@ def test_commands_shown_work(document, workplace):
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
     for line in lines:
-        assert cli.run(shlex.split(line, comments=True)[1:]) == 0, line
+        words = shlex.split(line, comments=True)[1:]
+        done = (0, 1) if words[0] == "diff" else (0,)  # 1 says that the files differ
+        assert cli.run(words) in done, line
 
 
 @by_name

@@ -403,10 +403,12 @@ def diff(
     left: Annotated[Path, typer.Argument(metavar="A", help="A calibration file.", show_default=False)],
     right: Annotated[Path, typer.Argument(metavar="B", help="The one to compare with.", show_default=False)],
     tolerance: Annotated[
-        float, typer.Option("--tolerance", help="Numbers this close are equal, in their own unit.", metavar="T")
+        float,
+        typer.Option("--tolerance", help="Numbers this close are equal, in their own unit.", min=0.0, metavar="T"),
     ] = 0.0,
     relative: Annotated[
-        float, typer.Option("--relative", help="So are numbers whose difference is this share of them.", metavar="R")
+        float,
+        typer.Option("--relative", help="So are numbers whose difference is this share of them.", min=0.0, metavar="R"),
     ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
