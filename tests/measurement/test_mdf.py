@@ -181,6 +181,20 @@ def test_names_of_several_groups_are_told_apart(mdf):
     assert describe(path).tables[0].ambiguous == ("Speed",)
 
 
+def test_a_name_with_its_group_is_understood_where_the_short_one_would_do(mdf):
+    data = read(mdf(*fast_and_slow()), ["10ms/Speed", "100ms/Temp"], raster=0.1)
+    assert list(data) == ["10ms/Speed", "100ms/Temp"]
+
+
+def test_the_device_behind_a_backslash_may_be_left_out(mdf):
+    time = np.arange(5.0)
+    path = mdf(("a", [signal(n, time, time + k) for k, n in enumerate(["Speed\\ETKC:1", "T\\ETKC:1", "T\\CAN:1"])]))
+    assert list(read(path)) == ["Speed", "T\\ETKC:1", "T\\CAN:1"]
+    assert read(path, ["Speed\\ETKC:1"])["Speed\\ETKC:1"].values[0] == 0
+    with pytest.raises(InputError, match="2 channels are called T"):
+        read(path, ["T"])
+
+
 def test_groups_of_one_name_are_told_apart_by_their_number(mdf):
     time = np.arange(5.0)
     path = mdf(*((("CAN", [signal("Speed", time, k * time)])) for k in (1, 2)))

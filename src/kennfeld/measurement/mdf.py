@@ -9,7 +9,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from typing import Any
 
@@ -40,7 +40,7 @@ class _Entry:
     """A channel of the file: where it stands and the name by which it is asked for."""
 
     name: str
-    bare: str
+    forms: tuple[str, ...]  # the names that may mean it, from short to certain
     group: int
     index: int
     is_array: bool
@@ -71,7 +71,7 @@ def describe_tables(source: Source) -> Iterator[TableDescription]:
         ambiguous = _ambiguous(entries)
         for group in dict.fromkeys(entry.group for entry in entries):
             own = [entry for entry in entries if entry.group == group]
-            names = tuple(dict.fromkeys(entry.bare for entry in own if entry.bare in ambiguous))
+            names = tuple(dict.fromkeys(entry.forms[0] for entry in own if entry.forms[0] in ambiguous))
             yield _description(source, file, own, names)
 
 
@@ -183,10 +183,10 @@ def _entries(file: Any) -> list[_Entry]:
     """All channels that hold samples, each with a name of its own."""
     found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
     texts = _TEXT_4 if file.version >= "4" else _TEXT_3
-    names = _unique([_candidates(file, group, index, channel) for group, index, channel, _ in found])
+    forms = [_forms(file, group, index, channel) for group, index, channel, _ in found]
     return [
-        _Entry(name, channel.name, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
-        for name, (group, index, channel, array) in zip(names, found, strict=True)
+        _Entry(name, own, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
+        for name, own, (group, index, channel, array) in zip(_unique(forms), forms, found, strict=True)
     ]
 
 
@@ -206,12 +206,12 @@ def _of_group(file: Any, group: int) -> list[tuple[int, int, Any, bool]]:
     return [f for f in found if f[3] or _without_indices(f[2].name) not in arrays]
 
 
-def _candidates(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
-    """Names from short to certain."""
-    label = _label(file, group)
+def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
+    r"""Names from short to certain; what stands behind a backslash is the device, as in `Speed\ETKC:1`."""
+    label, full = _label(file, group), str(channel.name)
+    short = full.partition("\\")[0] or full
     origin = getattr(channel.source, "name", "") or getattr(channel.source, "path", "") or label
-    numbered = f"{group + 1}.{index}"
-    return (channel.name, f"{label}/{channel.name}", f"{origin}/{channel.name}", f"{numbered}/{channel.name}")
+    return (short, full, f"{label}/{short}", f"{label}/{full}", f"{origin}/{full}", f"{group + 1}.{index}/{full}")
 
 
 def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
@@ -228,7 +228,7 @@ def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _ambiguous(entries: Sequence[_Entry]) -> set[str]:
-    return {name for name, count in Counter(entry.bare for entry in entries).items() if count > 1}
+    return {name for name, count in Counter(entry.forms[0] for entry in entries).items() if count > 1}
 
 
 def _names_by_group(entries: Sequence[_Entry]) -> dict[int, tuple[str, ...]]:
@@ -242,27 +242,33 @@ def _chosen(source: Source, entries: Sequence[_Entry], selection: Selection) -> 
     """The channels asked for, by their name or, for an element of an array, by that of the array."""
     if selection.channels is None:
         return list(entries)
-    by_name = {entry.name: entry for entry in entries}
-    bare: dict[str, list[_Entry]] = {}
-    for entry in entries:
-        bare.setdefault(entry.bare, []).append(entry)
+    meant = _meanings(entries)
     found: dict[_Entry, None] = {}
     findings = []
     for asked in selection.channels:
-        array = by_name.get(_without_indices(asked))
-        if asked in by_name:
-            found[by_name[asked]] = None
-        elif array is not None and array.is_array:
-            found[array] = None
-        elif len(bare.get(asked, ())) > 1:
-            named = ", ".join(entry.name for entry in bare[asked][:6])
-            what = f"{len(bare[asked])} channels are called {asked}"
+        arrays = [entry for entry in meant.get(_without_indices(asked), ()) if entry.is_array]
+        several = meant.get(asked, ())
+        if len(several) == 1:
+            found[replace(several[0], name=asked)] = None
+        elif len(several) > 1:
+            named = ", ".join(entry.name for entry in several[:6])
+            what = f"{len(several)} channels are called {asked}"
             findings.append(Finding(source.name, what, f"Name one of them: {named}."))
-        else:  # an unknown one: the group read for its sake lets the message list what there is
-            found = found or {entries[0]: None}
+        elif len(arrays) == 1:
+            found[replace(arrays[0], name=_without_indices(asked))] = None
     if findings:
         raise InputError(findings)
-    return list(found)
+    # where nothing is found, the group read for its sake lets the message list what there is
+    return list(found) or [entries[0]]
+
+
+def _meanings(entries: Sequence[_Entry]) -> dict[str, list[_Entry]]:
+    """Which channels a name may mean; the name that a channel is listed by means no other."""
+    meant: dict[str, list[_Entry]] = {}
+    for entry in entries:
+        for form in dict.fromkeys(entry.forms):
+            meant.setdefault(form, []).append(entry)
+    return meant | {entry.name: [entry] for entry in entries} | {_TIME: []}
 
 
 def _without_indices(name: str) -> str:
