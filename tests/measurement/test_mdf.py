@@ -219,10 +219,19 @@ def test_missing_and_text_channels_are_findings(mdf):
     with pytest.raises(InputError) as caught:
         read(path, ["Speeed", "Speed"])
     assert str(caught.value) == "bench.mf4: has no channel Speeed. Did you mean Speed?"
-    with pytest.raises(InputError, match="the column holds text, such as 'cold'"):
+    with pytest.raises(InputError, match="the column holds text, such as "):
         read(path, ["Note"])
     assert list(read(path)) == ["Speed"]
     assert describe(path).tables[0].left_out == ("Note",)
+
+
+def test_a_channel_of_varying_length_is_left_out(mdf):
+    time = np.arange(3.0)
+    texts = signal("Log", time, np.array([b"a", b"a longer text", b""]), encoding="utf-8")
+    path = mdf(("a", [signal("Speed", time, time)]), ("b", [texts]), version="4.20")
+    assert [table.left_out for table in describe(path).tables] == [(), ("Log",)]
+    with pytest.raises(InputError, match="column Log: the column holds text"):
+        read(path, ["Log", "Speed"], raster=1.0)
 
 
 def test_invalid_and_infinite_samples_are_missing(mdf):

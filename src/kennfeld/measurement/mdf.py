@@ -30,6 +30,8 @@ _AT_ONCE = 50_000_000  # values that a description holds at one time
 _MOST = 500_000_000  # values of all channels asked for, 4 GB
 _PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
+_ORIGINAL = 0  # the data are those of the file itself
+_VARYING_4 = 1  # a channel whose samples lie outside the records
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
 _TEXTS_SAID = 12
@@ -135,12 +137,19 @@ def _check_layout(source: Source, file: Any) -> None:
 
     The library would ask for that memory, and read beyond its own.
     """
+    with source.open() as stream:
+        finalized = stream.read(3) == b"MDF"
     for index, group in enumerate(file.groups):
         samples = _samples(file, index)
         size, invalid = _record_sizes(group.channel_group)
         wrong = ""
         if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
             wrong = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
+        elif not all(
+            _is_possible(block, finalized and group.data_location == _ORIGINAL, source)
+            for block in group.get_data_blocks()
+        ):
+            wrong = "has data that this file cannot hold"
         elif samples:
             outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
             name = next(outside, None)
@@ -148,6 +157,14 @@ def _check_layout(source: Source, file: Any) -> None:
         if wrong:
             what = f"the MDF file is damaged: {_label(file, index)} {wrong}"
             raise InputError.of(source.name, what, "Copy or export it anew.")
+
+
+def _is_possible(block: Any, own: bool, source: Source) -> bool:
+    """Whether a block of data may have the size that it claims, and ends within the file."""
+    if block.original_size > _PACKING * max(int(block.compressed_size), 1):
+        return False
+    # the library copies what it sorts or finalizes
+    return not own or bool(block.address + block.compressed_size <= source.size)
 
 
 def _record_sizes(group: Any) -> tuple[int, int]:
@@ -279,13 +296,20 @@ def _without_indices(name: str) -> str:
 
 def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, ...]) -> Table:
     group = own[0].group
-    signals = _signals(file, own)
-    count = len(signals[0].timestamps)
-    clock = _clock(file, group, _valid(signals[0].timestamps, None))
+    channels = file.groups[group].channels
+    fixed = [entry for entry in own if not _varies_in_length(file, entry)]
+    signals = _signals(file, fixed)
+    stamps = signals[fixed[0]].timestamps if fixed else file.get_master(group)
+    count = len(stamps)
+    clock = _clock(file, group, _valid(stamps, None))
     columns = [
         column
-        for entry, signal in zip(own, signals, strict=True)
-        for column in _columns(entry, file.groups[group].channels[entry.index], signal)
+        for entry in own
+        for column in (
+            _columns(entry, channels[entry.index], signals[entry])
+            if entry in signals
+            else (_text(entry, count, "text or bytes of varying length"),)
+        )
     ]
     spread = {entry.name for entry in own if entry.is_array}
     known = dict.fromkeys([*(n for n in names if n not in spread), *(column.name for column in columns)])
@@ -302,7 +326,12 @@ def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, .
     )
 
 
-def _signals(file: Any, own: Sequence[_Entry]) -> list[Any]:
+def _varies_in_length(file: Any, entry: _Entry) -> bool:
+    """Whether its samples lie elsewhere; they are never numbers, and no damaged link to them has to be followed."""
+    return bool(file.version >= "4" and file.groups[entry.group].channels[entry.index].channel_type == _VARYING_4)
+
+
+def _signals(file: Any, own: Sequence[_Entry]) -> dict[_Entry, Any]:
     """The samples of channels of one group, texts of enumerations left as the numbers they stand for."""
     found: dict[_Entry, Any] = {}
     for raw in (False, True):
@@ -312,7 +341,7 @@ def _signals(file: Any, own: Sequence[_Entry]) -> list[Any]:
             asked = [(None, entry.group, entry.index) for entry in some]
             signals = file.select(asked, raw=raw, copy_master=False, ignore_value2text_conversions=True)
             found |= dict(zip(some, signals, strict=True))
-    return [found[entry] for entry in own]
+    return found
 
 
 def _clock(file: Any, group: int, stamps: Float) -> Column | None:
@@ -337,13 +366,17 @@ def _columns(entry: _Entry, channel: Any, signal: Any) -> Iterator[Column]:
     if samples.dtype.kind not in "buif" or (samples.ndim > 1 and not entry.is_array):
         sample = samples[0] if len(samples) else ""
         shown = sample.decode(errors="replace") if isinstance(sample, bytes) else str(sample)
-        texts = ((0, shown.strip("\0 ")[:40]),)
-        yield Column(entry.name, "", entry.name, np.full(len(samples), np.nan), texts, max(len(samples), 1))
+        yield _text(entry, len(samples), shown.strip("\0 ")[:40])
         return
     for place in np.ndindex(samples.shape[1:]):
         name = entry.name + "".join(f"[{i}]" for i in place)
         values = _valid(samples[(slice(None), *place)], signal.invalidation_bits)
         yield Column(name, unit, name, values, held=held, description=said)
+
+
+def _text(entry: _Entry, count: int, sample: str) -> Column:
+    """A channel that holds no numbers; it is kept so that a message can show what it holds."""
+    return Column(entry.name, "", entry.name, np.full(count, np.nan), ((0, sample),), max(count, 1))
 
 
 def _unit(entry: _Entry, channel: Any, signal: Any) -> str:
