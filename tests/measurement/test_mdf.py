@@ -181,6 +181,20 @@ def test_names_of_several_groups_are_told_apart(mdf):
     assert describe(path).tables[0].ambiguous == ("Speed",)
 
 
+def test_a_name_with_its_group_is_understood_where_the_short_one_would_do(mdf):
+    data = read(mdf(*fast_and_slow()), ["10ms/Speed", "100ms/Temp"], raster=0.1)
+    assert list(data) == ["10ms/Speed", "100ms/Temp"]
+
+
+def test_the_device_behind_a_backslash_may_be_left_out(mdf):
+    time = np.arange(5.0)
+    path = mdf(("a", [signal(n, time, time + k) for k, n in enumerate(["Speed\\ETKC:1", "T\\ETKC:1", "T\\CAN:1"])]))
+    assert list(read(path)) == ["Speed", "T\\ETKC:1", "T\\CAN:1"]
+    assert read(path, ["Speed\\ETKC:1"])["Speed\\ETKC:1"].values[0] == 0
+    with pytest.raises(InputError, match="2 channels are called T"):
+        read(path, ["T"])
+
+
 def test_groups_of_one_name_are_told_apart_by_their_number(mdf):
     time = np.arange(5.0)
     path = mdf(*((("CAN", [signal("Speed", time, k * time)])) for k in (1, 2)))
@@ -205,10 +219,19 @@ def test_missing_and_text_channels_are_findings(mdf):
     with pytest.raises(InputError) as caught:
         read(path, ["Speeed", "Speed"])
     assert str(caught.value) == "bench.mf4: has no channel Speeed. Did you mean Speed?"
-    with pytest.raises(InputError, match="the column holds text, such as 'cold'"):
+    with pytest.raises(InputError, match="the column holds text, such as "):
         read(path, ["Note"])
     assert list(read(path)) == ["Speed"]
     assert describe(path).tables[0].left_out == ("Note",)
+
+
+def test_a_channel_of_varying_length_is_left_out(mdf):
+    time = np.arange(3.0)
+    texts = signal("Log", time, np.array([b"a", b"a longer text", b""]), encoding="utf-8")
+    path = mdf(("a", [signal("Speed", time, time)]), ("b", [texts]), version="4.20")
+    assert [table.left_out for table in describe(path).tables] == [(), ("Log",)]
+    with pytest.raises(InputError, match="column Log: the column holds text"):
+        read(path, ["Log", "Speed"], raster=1.0)
 
 
 def test_invalid_and_infinite_samples_are_missing(mdf):

@@ -9,7 +9,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from typing import Any
 
@@ -30,6 +30,8 @@ _AT_ONCE = 50_000_000  # values that a description holds at one time
 _MOST = 500_000_000  # values of all channels asked for, 4 GB
 _PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
+_ORIGINAL = 0  # the data are those of the file itself
+_VARYING_4 = 1  # a channel whose samples lie outside the records
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
 _TEXTS_SAID = 12
@@ -40,7 +42,7 @@ class _Entry:
     """A channel of the file: where it stands and the name by which it is asked for."""
 
     name: str
-    bare: str
+    forms: tuple[str, ...]  # the names that may mean it, from short to certain
     group: int
     index: int
     is_array: bool
@@ -71,7 +73,7 @@ def describe_tables(source: Source) -> Iterator[TableDescription]:
         ambiguous = _ambiguous(entries)
         for group in dict.fromkeys(entry.group for entry in entries):
             own = [entry for entry in entries if entry.group == group]
-            names = tuple(dict.fromkeys(entry.bare for entry in own if entry.bare in ambiguous))
+            names = tuple(dict.fromkeys(entry.forms[0] for entry in own if entry.forms[0] in ambiguous))
             yield _description(source, file, own, names)
 
 
@@ -135,12 +137,19 @@ def _check_layout(source: Source, file: Any) -> None:
 
     The library would ask for that memory, and read beyond its own.
     """
+    with source.open() as stream:
+        finalized = stream.read(3) == b"MDF"
     for index, group in enumerate(file.groups):
         samples = _samples(file, index)
         size, invalid = _record_sizes(group.channel_group)
         wrong = ""
         if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
             wrong = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
+        elif not all(
+            _is_possible(block, finalized and group.data_location == _ORIGINAL, source)
+            for block in group.get_data_blocks()
+        ):
+            wrong = "has data that this file cannot hold"
         elif samples:
             outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
             name = next(outside, None)
@@ -148,6 +157,14 @@ def _check_layout(source: Source, file: Any) -> None:
         if wrong:
             what = f"the MDF file is damaged: {_label(file, index)} {wrong}"
             raise InputError.of(source.name, what, "Copy or export it anew.")
+
+
+def _is_possible(block: Any, own: bool, source: Source) -> bool:
+    """Whether a block of data may have the size that it claims, and ends within the file."""
+    if block.original_size > _PACKING * max(int(block.compressed_size), 1):
+        return False
+    # the library copies what it sorts or finalizes
+    return not own or bool(block.address + block.compressed_size <= source.size)
 
 
 def _record_sizes(group: Any) -> tuple[int, int]:
@@ -183,10 +200,10 @@ def _entries(file: Any) -> list[_Entry]:
     """All channels that hold samples, each with a name of its own."""
     found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
     texts = _TEXT_4 if file.version >= "4" else _TEXT_3
-    names = _unique([_candidates(file, group, index, channel) for group, index, channel, _ in found])
+    forms = [_forms(file, group, index, channel) for group, index, channel, _ in found]
     return [
-        _Entry(name, channel.name, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
-        for name, (group, index, channel, array) in zip(names, found, strict=True)
+        _Entry(name, own, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
+        for name, own, (group, index, channel, array) in zip(_unique(forms), forms, found, strict=True)
     ]
 
 
@@ -206,12 +223,12 @@ def _of_group(file: Any, group: int) -> list[tuple[int, int, Any, bool]]:
     return [f for f in found if f[3] or _without_indices(f[2].name) not in arrays]
 
 
-def _candidates(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
-    """Names from short to certain."""
-    label = _label(file, group)
+def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
+    r"""Names from short to certain; what stands behind a backslash is the device, as in `Speed\ETKC:1`."""
+    label, full = _label(file, group), str(channel.name)
+    short = full.partition("\\")[0] or full
     origin = getattr(channel.source, "name", "") or getattr(channel.source, "path", "") or label
-    numbered = f"{group + 1}.{index}"
-    return (channel.name, f"{label}/{channel.name}", f"{origin}/{channel.name}", f"{numbered}/{channel.name}")
+    return (short, full, f"{label}/{short}", f"{label}/{full}", f"{origin}/{full}", f"{group + 1}.{index}/{full}")
 
 
 def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
@@ -228,7 +245,7 @@ def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _ambiguous(entries: Sequence[_Entry]) -> set[str]:
-    return {name for name, count in Counter(entry.bare for entry in entries).items() if count > 1}
+    return {name for name, count in Counter(entry.forms[0] for entry in entries).items() if count > 1}
 
 
 def _names_by_group(entries: Sequence[_Entry]) -> dict[int, tuple[str, ...]]:
@@ -242,27 +259,33 @@ def _chosen(source: Source, entries: Sequence[_Entry], selection: Selection) -> 
     """The channels asked for, by their name or, for an element of an array, by that of the array."""
     if selection.channels is None:
         return list(entries)
-    by_name = {entry.name: entry for entry in entries}
-    bare: dict[str, list[_Entry]] = {}
-    for entry in entries:
-        bare.setdefault(entry.bare, []).append(entry)
+    meant = _meanings(entries)
     found: dict[_Entry, None] = {}
     findings = []
     for asked in selection.channels:
-        array = by_name.get(_without_indices(asked))
-        if asked in by_name:
-            found[by_name[asked]] = None
-        elif array is not None and array.is_array:
-            found[array] = None
-        elif len(bare.get(asked, ())) > 1:
-            named = ", ".join(entry.name for entry in bare[asked][:6])
-            what = f"{len(bare[asked])} channels are called {asked}"
+        arrays = [entry for entry in meant.get(_without_indices(asked), ()) if entry.is_array]
+        several = meant.get(asked, ())
+        if len(several) == 1:
+            found[replace(several[0], name=asked)] = None
+        elif len(several) > 1:
+            named = ", ".join(entry.name for entry in several[:6])
+            what = f"{len(several)} channels are called {asked}"
             findings.append(Finding(source.name, what, f"Name one of them: {named}."))
-        else:  # an unknown one: the group read for its sake lets the message list what there is
-            found = found or {entries[0]: None}
+        elif len(arrays) == 1:
+            found[replace(arrays[0], name=_without_indices(asked))] = None
     if findings:
         raise InputError(findings)
-    return list(found)
+    # where nothing is found, the group read for its sake lets the message list what there is
+    return list(found) or [entries[0]]
+
+
+def _meanings(entries: Sequence[_Entry]) -> dict[str, list[_Entry]]:
+    """Which channels a name may mean; the name that a channel is listed by means no other."""
+    meant: dict[str, list[_Entry]] = {}
+    for entry in entries:
+        for form in dict.fromkeys(entry.forms):
+            meant.setdefault(form, []).append(entry)
+    return meant | {entry.name: [entry] for entry in entries} | {_TIME: []}
 
 
 def _without_indices(name: str) -> str:
@@ -273,13 +296,20 @@ def _without_indices(name: str) -> str:
 
 def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, ...]) -> Table:
     group = own[0].group
-    signals = _signals(file, own)
-    count = len(signals[0].timestamps)
-    clock = _clock(file, group, _valid(signals[0].timestamps, None))
+    channels = file.groups[group].channels
+    fixed = [entry for entry in own if not _varies_in_length(file, entry)]
+    signals = _signals(file, fixed)
+    stamps = signals[fixed[0]].timestamps if fixed else file.get_master(group)
+    count = len(stamps)
+    clock = _clock(file, group, _valid(stamps, None))
     columns = [
         column
-        for entry, signal in zip(own, signals, strict=True)
-        for column in _columns(entry, file.groups[group].channels[entry.index], signal)
+        for entry in own
+        for column in (
+            _columns(entry, channels[entry.index], signals[entry])
+            if entry in signals
+            else (_text(entry, count, "text or bytes of varying length"),)
+        )
     ]
     spread = {entry.name for entry in own if entry.is_array}
     known = dict.fromkeys([*(n for n in names if n not in spread), *(column.name for column in columns)])
@@ -296,7 +326,12 @@ def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, .
     )
 
 
-def _signals(file: Any, own: Sequence[_Entry]) -> list[Any]:
+def _varies_in_length(file: Any, entry: _Entry) -> bool:
+    """Whether its samples lie elsewhere; they are never numbers, and no damaged link to them has to be followed."""
+    return bool(file.version >= "4" and file.groups[entry.group].channels[entry.index].channel_type == _VARYING_4)
+
+
+def _signals(file: Any, own: Sequence[_Entry]) -> dict[_Entry, Any]:
     """The samples of channels of one group, texts of enumerations left as the numbers they stand for."""
     found: dict[_Entry, Any] = {}
     for raw in (False, True):
@@ -306,7 +341,7 @@ def _signals(file: Any, own: Sequence[_Entry]) -> list[Any]:
             asked = [(None, entry.group, entry.index) for entry in some]
             signals = file.select(asked, raw=raw, copy_master=False, ignore_value2text_conversions=True)
             found |= dict(zip(some, signals, strict=True))
-    return [found[entry] for entry in own]
+    return found
 
 
 def _clock(file: Any, group: int, stamps: Float) -> Column | None:
@@ -331,13 +366,17 @@ def _columns(entry: _Entry, channel: Any, signal: Any) -> Iterator[Column]:
     if samples.dtype.kind not in "buif" or (samples.ndim > 1 and not entry.is_array):
         sample = samples[0] if len(samples) else ""
         shown = sample.decode(errors="replace") if isinstance(sample, bytes) else str(sample)
-        texts = ((0, shown.strip("\0 ")[:40]),)
-        yield Column(entry.name, "", entry.name, np.full(len(samples), np.nan), texts, max(len(samples), 1))
+        yield _text(entry, len(samples), shown.strip("\0 ")[:40])
         return
     for place in np.ndindex(samples.shape[1:]):
         name = entry.name + "".join(f"[{i}]" for i in place)
         values = _valid(samples[(slice(None), *place)], signal.invalidation_bits)
         yield Column(name, unit, name, values, held=held, description=said)
+
+
+def _text(entry: _Entry, count: int, sample: str) -> Column:
+    """A channel that holds no numbers; it is kept so that a message can show what it holds."""
+    return Column(entry.name, "", entry.name, np.full(count, np.nan), ((0, sample),), max(count, 1))
 
 
 def _unit(entry: _Entry, channel: Any, signal: Any) -> str:
