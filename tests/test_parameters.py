@@ -339,3 +339,17 @@ def test_saving_hands_the_set_to_the_writer(monkeypatch):
 
 def test_a_text_is_of_kind_text():
     assert (Text("T", "abc").kind, Text("T", "abc").description) == ("text", "")
+
+
+def test_a_later_group_axis_must_agree_with_the_tables_that_stay():
+    first = ParameterSet([Curve("D", Axis([1, 2], name="S"), [1, 2])])
+    with pytest.raises(ArgumentError, match="group axis S has other breakpoints"):
+        first.merged(ParameterSet(axes=[Axis([1, 3], name="S")]))
+    moved = ParameterSet([Curve("D", Axis([1, 3], name="S"), [1, 2])])
+    assert first.merged(moved).axes[0].breakpoints.tolist() == [1, 3]
+
+
+def test_a_later_text_replaces_a_number_of_its_name_and_the_other_way_round():
+    number, text = ParameterSet([Scalar("K", 1)]), ParameterSet(texts=[Text("K", "a")])
+    assert number.merged(text) == text
+    assert text.merged(number) == number

@@ -403,12 +403,19 @@ class ParameterSet(Mapping[str, Parameter]):
         return hash((self.parameters, self.texts))
 
     def merged(self, other: "ParameterSet") -> "ParameterSet":
-        """This set with the members of `other` replacing those of the same name and following the rest."""
+        """This set with the members of `other` replacing those of the same name and following the rest.
+
+        Raises `ArgumentError` where a group axis of `other` contradicts tables that stay.
+        """
         members = dict(zip(self, self.parameters, strict=True)) | dict(zip(other, other.parameters, strict=True))
-        texts = {text.name: text for text in (*self.texts, *other.texts)}
+        for text in other.texts:
+            members.pop(text.name, None)
+        texts = {text.name: text for text in (*self.texts, *other.texts) if text.name not in other}
         used = {axis.name for member in members.values() for axis in member.axes}
-        spare = {axis.name: axis for axis in (*self.axes, *other.axes) if axis.name not in used}
-        return ParameterSet(members.values(), texts.values(), spare.values())
+        kept = {axis.name: axis for axis in self.axes if axis.name not in used}
+        return ParameterSet(
+            members.values(), texts.values(), (kept | {axis.name: axis for axis in other.axes}).values()
+        )
 
     def with_parameters(self, *changed: Parameter) -> "ParameterSet":
         """This set with some parameters replaced or added."""

@@ -4,6 +4,7 @@ import warnings
 import numpy as np
 import pytest
 
+import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.expansion import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
@@ -170,3 +171,8 @@ def test_a_project_tells_its_surrogates(written):
     found = contents(written("p.toml", text + '[[criterion]]\nnode = "y"\ntarget = 1\n'))
     assert found.as_json["surrogates"] == {"engine": "e.json"}
     assert "surrogate engine: e.json" in found.notes
+
+
+def test_a_cdfx_file_is_a_calibration(tmp_path):
+    kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3])]).save(tmp_path / "p.cdfx")
+    assert contents(tmp_path / "p.cdfx").summary.startswith("p.cdfx: calibration (CDFX")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld import calfiles, measurement
+from kennfeld.calfiles.cdfx import recognises_cdfx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
@@ -66,7 +67,7 @@ def contents(path: str | Path) -> Contents:
         return _surrogate(file)
     if file.suffix.lower() == ".kf":
         return _formula(file, formulas.read(file, surrogates=formulas.surrogates_beside(file)))
-    if kind in _CALIBRATIONS or (kind is Kind.CSV and recognises_dcm(head)):
+    if kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head)):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
         text, beside = file.read_text(encoding="utf-8-sig"), formulas.surrogates_beside(file)
