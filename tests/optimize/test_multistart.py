@@ -160,7 +160,8 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
 
     result = sine(starts=5, workers=2, progress=kill)
     dead = [row for row in result.starts if row.status == "failed"]
-    assert {row.start for row in dead} <= killed  # it may have come to its end before
+    assert killed
+    assert len(dead) <= 1  # the start may have come to its end before, and the next one have been handed over
     assert len(result.starts) == 5
     assert all("exit status" in row.message for row in dead)
     assert all(worker.process.returncode is not None for worker in made)
