@@ -174,6 +174,15 @@ def test_where_no_process_can_be_started_the_starts_run_in_turn(monkeypatch):
     assert [row.cost_after for row in result.starts] == [row.cost_after for row in sine(starts=3).starts]
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises `KeyboardInterrupt`, also where this process was started to ignore it, as behind nohup."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("processes", [1, 2])
 @pytest.mark.parametrize("how", ["stop", "ctrl-c"])
 def test_a_request_to_stop_ends_all_starts_and_keeps_the_best(processes, how):
