@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from xml.sax.saxutils import escape
+from html import escape  # that of xml.sax loads half of urllib
 
 import numpy as np
 
@@ -144,8 +144,8 @@ def _unit(unit: str) -> str:
 
 
 def _line(text: str) -> str:
-    return escape(_OTHER.sub(" ", one_line(text)))
+    return escape(_OTHER.sub(" ", one_line(text)), quote=False)
 
 
 def _escaped(text: str) -> str:
-    return escape(text, {"\r": "&#13;"})
+    return escape(text, quote=False).replace("\r", "&#13;")
