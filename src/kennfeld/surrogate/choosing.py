@@ -14,7 +14,7 @@ from kennfeld.surrogate.lags import Lags
 from kennfeld.surrogate.one_step import one_step_expansion
 from kennfeld.surrogate.recursion import Run, Runs
 
-__all__ = ["MIDDLE", "Choice", "Fold", "choose", "folds"]
+__all__ = ["MIDDLE", "Choice", "Fold", "choose", "folds", "held_out_rmse"]
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # where none is chosen
@@ -117,7 +117,7 @@ def choose(
         starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
         for j, hold in enumerate(HOLDS):
             trial = replace(settings, hold=hold, iterations=iterations, moves_centres=False)
-            table[i, j] = _held_out(divisions, starts, trial)
+            table[i, j] = held_out_rmse(divisions, starts, trial)
             report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
     i, j = _lowest(table)
     return Choice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
@@ -133,11 +133,12 @@ def _lowest(table: Float) -> tuple[int, int]:
     return int(i), int(j)
 
 
-def _held_out(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:
+def held_out_rmse(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:
+    """RMSE over the blocks left out, in units of the output, of models trained for free run from `starts`."""
     squares, count = 0.0, 0
     for fold, start in zip(divisions, starts, strict=True):
         trained = train_free_run(start, fold.training, settings)
         size = int(fold.held_out.scored.sum())
         squares += size * free_run_rmse(trained, fold.held_out, settings.limits) ** 2
         count += size
-    return float(np.sqrt(squares / count))
+    return float(np.sqrt(squares / max(count, 1)))

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.surrogate.choosing import folds
-from kennfeld.surrogate.free_run import Settings, free_run_rmse, train_free_run
+from kennfeld.surrogate.choosing import folds, held_out_rmse
+from kennfeld.surrogate.free_run import Settings
 from kennfeld.surrogate.lags import Lags
 from kennfeld.surrogate.one_step import one_step_expansion
 from kennfeld.surrogate.recursion import Run
@@ -103,11 +103,6 @@ def _changed(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]
 def _score(pieces: Sequence[Run], lags: Lags, settings: Settings) -> float:
     lengths = np.full(lags.size, LENGTH)
     small = replace(settings, hold=HOLD, iterations=ITERATIONS, moves_centres=False)
-    square, count = 0.0, 0
-    for fold in folds(pieces, lags, BLOCKS, SAMPLES):
-        start = one_step_expansion(fold.training, lengths, CENTRES, settings.limits)
-        trained = train_free_run(start, fold.training, small)
-        size = int(fold.held_out.scored.sum())
-        square += size * free_run_rmse(trained, fold.held_out, settings.limits) ** 2
-        count += size
-    return float(np.sqrt(square / max(count, 1)))
+    divisions = folds(pieces, lags, BLOCKS, SAMPLES)
+    starts = [one_step_expansion(fold.training, lengths, CENTRES, settings.limits) for fold in divisions]
+    return held_out_rmse(divisions, starts, small)
