@@ -52,9 +52,7 @@ class _Entry:
 def read_tables(source: Source, selection: Selection) -> list[Table]:
     """A table for each channel group that holds a channel asked for."""
     with _opened(source) as file:
-        entries = _entries(file)
-        if not entries:
-            raise InputError.of(source.name, "holds no samples", "Is it the right file?")
+        entries = _entries(source, file)
         chosen = _chosen(source, entries, selection)
         if sum(_samples(file, entry.group) for entry in chosen) > _MOST:
             what = f"{len(chosen)} channels of this file are more than {_MOST} values"
@@ -67,9 +65,7 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
 def describe_tables(source: Source) -> Iterator[TableDescription]:
     """What each group holds, without more than some of its channels in memory at a time."""
     with _opened(source) as file:
-        entries = _entries(file)
-        if not entries:
-            raise InputError.of(source.name, "holds no samples", "Is it the right file?")
+        entries = _entries(source, file)
         ambiguous = _ambiguous(entries)
         for group in dict.fromkeys(entry.group for entry in entries):
             own = [entry for entry in entries if entry.group == group]
@@ -196,9 +192,11 @@ def _label(file: Any, group: int) -> str:
     return said or f"group {group + 1}"
 
 
-def _entries(file: Any) -> list[_Entry]:
-    """All channels that hold samples, each with a name of its own."""
+def _entries(source: Source, file: Any) -> list[_Entry]:
+    """All channels that hold samples, each with a name of its own; there has to be one."""
     found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
+    if not found:
+        raise InputError.of(source.name, "holds no samples", "Is it the right file?")
     texts = _TEXT_4 if file.version >= "4" else _TEXT_3
     forms = [_forms(file, group, index, channel) for group, index, channel, _ in found]
     return [
