@@ -1,7 +1,5 @@
 """Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
 
-import os
-import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +17,7 @@ from kennfeld.calfiles.format import Content, Format, Source
 from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.whole_files import write_whole
 
 __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
 
@@ -182,13 +181,7 @@ def _format_for(path: Path) -> Format:
 
 
 def _replace(target: Path, raw: bytes) -> None:
-    """Write beside, then rename, so that nobody ever sees half a file."""
-    target = target.resolve()  # a link stays a link
-    beside = target.with_name(f".{target.name}.{os.getpid()}-{threading.get_ident()}")
     try:
-        beside.write_bytes(raw)
-        beside.replace(target)
+        write_whole(target, raw)
     except OSError as error:
-        raise InputError.of(str(target), f"cannot be written: {error.strerror or error}") from None
-    finally:
-        beside.unlink(missing_ok=True)
+        raise InputError.of(str(target.resolve()), f"cannot be written: {error.strerror or error}") from None

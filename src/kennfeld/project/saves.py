@@ -6,7 +6,6 @@ read; a text in it says where the search was.
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -23,6 +22,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Saved, StartResult
 from kennfeld.optimize.search.sequence import holding
 from kennfeld.parameters import ParameterSet, Text
+from kennfeld.whole_files import write_whole
 
 __all__ = ["Found", "Saves"]
 
@@ -103,7 +103,7 @@ class Saves:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._fresh:
                 self._put_aside()
-            _write(target, write_json(content, target.name))
+            write_whole(target, write_json(content, target.name), durable=True)
             if not saved.ended:
                 self._go_on(saved.start)
         except OSError as error:
@@ -167,16 +167,3 @@ def _latest(saved: list[Saved]) -> dict[int, Saved]:
         )
         found[start] = replace(best, iteration=last)
     return found
-
-
-def _write(target: Path, text: str) -> None:
-    """Beside, down to the disk, then renamed: a power cut leaves the old file or the new one."""
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        with beside.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(target)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -2,8 +2,6 @@
 
 import json
 import math
-import os
-import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -18,6 +16,7 @@ from kennfeld.surrogate.narx import DynamicSurrogate
 from kennfeld.surrogate.quality import Mode, Quality
 from kennfeld.surrogate.static import StaticSurrogate
 from kennfeld.surrogate.validity import Validity
+from kennfeld.whole_files import write_whole
 
 __all__ = ["VERSION", "read_surrogate", "recognises_surrogate", "write_surrogate"]
 
@@ -33,20 +32,11 @@ Surrogate = StaticSurrogate | DynamicSurrogate
 
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
-    """Write a surrogate beside its place, then rename, so that nobody ever sees half a file.
-
-    Raises `InputError` where the file cannot be written.
-    """
-    target = Path(path).resolve()  # a link stays a link
-    beside = target.with_name(f".{target.name}.{os.getpid()}-{threading.get_ident()}")
+    """Write a surrogate, whole or not at all. Raises `InputError` where the file cannot be written."""
     try:
-        beside.write_text(_text(_tables(surrogate)), encoding="utf-8", newline="\n")
-        beside.replace(target)
+        write_whole(Path(path), _text(_tables(surrogate)))
     except OSError as error:
         raise InputError.of(str(path), f"cannot be written: {error.strerror or error}") from None
-    finally:
-        if beside.parent.is_dir():
-            beside.unlink(missing_ok=True)
 
 
 def recognises_surrogate(head: str) -> bool:

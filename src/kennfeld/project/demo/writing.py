@@ -1,6 +1,5 @@
 """Puts a demo project into a folder."""
 
-import os
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +9,7 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, nearest
 from kennfeld.parameters import ParameterSet
+from kennfeld.whole_files import write_whole
 
 __all__ = ["NAMES", "closing", "prepare", "projects", "write"]
 
@@ -89,13 +89,7 @@ def _complete(folder: Path, name: str, settings: str) -> None:
 def _put(path: Path, content: str | Dataset | ParameterSet) -> None:
     if isinstance(content, ParameterSet):
         return write_parameters(content, path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        text = content if isinstance(content, str) else _csv(content)
-        beside.write_text(text, encoding="utf-8", newline="\n")
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    return write_whole(path, content if isinstance(content, str) else _csv(content))
 
 
 def _csv(data: Dataset) -> str:
