@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.project.demo.engine import torque_of_charge
 
 __all__ = ["SPARK", "START_CHARGE", "START_PRESSURE", "START_SPEED", "random_steps", "simulate_engine"]
 
@@ -17,7 +18,6 @@ START_SPEED = 209.0  # rad/s
 START_PRESSURE = 0.543  # bar
 START_CHARGE = 0.152  # g
 SPARK = 15.0  # degrees before top dead centre
-AIR_FUEL_RATIO = 14.6
 INERTIA = 0.14  # kg m2
 MANIFOLD = 0.41328  # bar/g
 SLOWEST = 1.0  # rad/s; below, the engine has stalled
@@ -47,7 +47,7 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
         opened = 2.821 - 0.05231 * angle_of_plate + 0.10299 * angle_of_plate**2 - 0.00063 * angle_of_plate**3
         for _ in range(inner):
             out = _pumped(speed, pressure)
-            accelerated = (_torque(speed, charge) - brake) / INERTIA
+            accelerated = (torque_of_charge(speed, charge, SPARK) - brake) / INERTIA
             pressure += dt * MANIFOLD * (opened * _sucked(pressure) - out)
             drawn += dt * out
             angle += dt * speed
@@ -73,13 +73,6 @@ def _sucked(pressure: float) -> float:
 def _pumped(speed: float, pressure: float) -> float:
     """Air from the manifold into the cylinders in g/s."""
     return -0.366 + 0.08979 * speed * pressure - 0.0337 * speed * pressure**2 + 0.0001 * speed**2 * pressure
-
-
-def _torque(speed: float, charge: float) -> float:
-    """Torque in Nm of a charge in g."""
-    mixture = 21.91 * AIR_FUEL_RATIO - 0.85 * AIR_FUEL_RATIO**2
-    timing = SPARK * (0.26 + 0.00048 * speed + 2.55 * charge) - SPARK**2 * (0.0028 + 0.05 * charge)
-    return -181.3 + 379.36 * charge + mixture + timing + 0.027 * speed - 0.000107 * speed**2
 
 
 def random_steps(
