@@ -1,15 +1,14 @@
 """Topic `exhaust`: a model with a state, many solvers, the same cost function and the same start."""
 
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 from benchmarks.exhaust_problem import ExhaustProblem, problem
 from benchmarks.machine import load
-from benchmarks.measure import installed, threads
+from benchmarks.measure import installed
+from benchmarks.processes import timed
 from benchmarks.race import HIGHER, REPEATS, Entrant, agreement, cells, reached, scaled_and_not, solved
 from benchmarks.table import Table, seconds
 from kennfeld.project.demo.exhaust import NOISE, UNIT
@@ -85,29 +84,16 @@ def _processes() -> Table:
     command = [sys.executable, "-m", "kennfeld"]
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        _row(
+        timed(
             table,
             "kennfeld demo exhaust",
             [[*command, "demo", "exhaust", "--dir", str(work / str(i))] for i in range(PROCESSES)],
         )
         project = str(work / "0" / "kennfeld.toml")
-        _row(table, "kennfeld calibrate (exhaust demo)", [[*command, "calibrate", project]] * PROCESSES)
-        _row(table, "kennfeld check (exhaust demo)", [[*command, "check", project]] * PROCESSES)
+        timed(table, "kennfeld calibrate (exhaust demo)", [[*command, "calibrate", project]] * PROCESSES)
+        timed(table, "kennfeld check (exhaust demo)", [[*command, "check", project]] * PROCESSES)
     table.notes = [
         "Budget: below 1 s. The demo simulates two drives and writes them before it calibrates.",
         f"The shortest and the median of {PROCESSES} runs. Load at the end {load()}.",
     ]
     return table
-
-
-def _row(table: Table, name: str, commands: list[list[str]]) -> None:
-    found = []
-    for command in commands:
-        began = time.perf_counter()
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-        found.append(time.perf_counter() - began)
-        if done.returncode:
-            table.add(name, "-", "-", "-", (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1])
-            return
-    found.sort()
-    table.add(name, seconds(found[0]), seconds(found[len(found) // 2]), str(threads(None)))

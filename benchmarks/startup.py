@@ -1,9 +1,7 @@
 """Topic `startup`: whole processes, from the shell's return key to the end."""
 
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import load
-from benchmarks.measure import threads
-from benchmarks.table import Table, seconds
+from benchmarks.processes import ran, timed
+from benchmarks.table import Table
 
 __all__ = ["run"]
 
@@ -47,7 +45,7 @@ def run() -> list[Table]:
 def _demo(table: Table, command: Path, name: str, folder: Path) -> None:
     """`kennfeld calibrate` on a demo project that `kennfeld demo` wrote."""
     row = f"kennfeld calibrate ({name} demo)"
-    written = _ran([str(command), "demo", name, "--dir", str(folder)])
+    written = ran([str(command), "demo", name, "--dir", str(folder)])
     if written:
         table.add(row, "-", "-", "-", f"missing: {written}")
         return
@@ -76,22 +74,8 @@ def _fill_up(file: Path) -> None:
 
 
 def _row(table: Table, name: str, command: Sequence[str]) -> None:
-    if wrong := _ran(command):
+    """Once to warm the disk, then with the clock."""
+    if wrong := ran(command):
         table.add(name, "-", "-", "-", f"missing: {wrong}")
-        return
-    found = []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
-        _ran(command)
-        found.append(time.perf_counter() - began)
-    found.sort()
-    table.add(name, seconds(found[0]), seconds(found[len(found) // 2]), str(threads(None)))
-
-
-def _ran(command: Sequence[str]) -> str:
-    """Run a command and say what went wrong; empty where nothing did."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return type(error).__name__
-    return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]
+    else:
+        timed(table, name, [command] * REPEATS)
