@@ -7,27 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.exhaust_problem import problem
-from benchmarks.peers.recorder import Recorder
+from benchmarks.peers.trf import run_trf
 
 __all__ = ["solve"]
-
-Float = NDArray[np.float64]
 
 
 def solve(cap: float, jacobian: str, scaled: bool) -> dict[str, Any]:
     """Solve with a Jacobian `differences` or `filtered` (the basis through the lag); `scaled` says x_scale="jac"."""
-    from scipy.optimize import least_squares
-
     given = problem()
-    residual = Recorder(given.residual, given.start, cap)
-    jacobians: dict[str, str | Callable[[Float], Any]] = {"differences": "2-point", "filtered": given.jacobian}
-    given.jacobian(given.start)
-    return residual.run(
-        lambda: least_squares(
-            residual,
-            given.start,
-            jac=jacobians[jacobian],
-            bounds=given.bounds,
-            x_scale="jac" if scaled else 1.0,
-        )
-    )
+    jacobians: dict[str, str | Callable[[NDArray[np.float64]], Any]] = {
+        "differences": "2-point",
+        "filtered": given.jacobian,
+    }
+    return run_trf(given, cap, jacobians[jacobian], scaled, "exact")

@@ -1,0 +1,26 @@
+"""scipy.optimize.least_squares, trust region reflective, with the clock beside it."""
+
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.peers.recorder import Recorder
+
+__all__ = ["run_trf"]
+
+
+def run_trf(given: Any, cap: float, jacobian: str | Callable[..., Any], scaled: bool, solver: str) -> dict[str, Any]:
+    """Solve a problem within its bounds; `scaled` says x_scale="jac", `solver` is scipy's tr_solver."""
+    from scipy.optimize import least_squares
+
+    residual = Recorder(given.residual, given.start, cap)
+    given.jacobian(given.start)
+    return residual.run(
+        lambda: least_squares(
+            residual,
+            given.start,
+            jac=jacobian,
+            bounds=given.bounds,
+            x_scale="jac" if scaled else 1.0,
+            tr_solver=solver,
+        )
+    )
