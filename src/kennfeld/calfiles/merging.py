@@ -54,7 +54,19 @@ def merge(sources: Sequence[tuple[str, ParameterSet]]) -> Merged:
         raise InputError(conflicts)
     members = [thing for thing, _ in things.values() if isinstance(thing, Parameter)]
     texts = [thing for thing, _ in things.values() if isinstance(thing, Text)]
-    return Merged(ParameterSet(members, texts, [axis for axis, _ in axes.values()]), tuple(changes))
+    sets = [given for _, given in sources]
+    return Merged(_put_together(members, texts, [axis for axis, _ in axes.values()], sets), tuple(changes))
+
+
+def _put_together(
+    members: list[Parameter], texts: list[Text], axes: list[Axis], sets: Sequence[ParameterSet]
+) -> ParameterSet:
+    """The set, with the other variants of all sources, as a change of the file that the first one was read from."""
+    made = ParameterSet(members, texts, axes)
+    others = {key: thing for given in sets for key, thing in given.everything.items() if thing.variant}
+    for thing in made.chosen:
+        others.pop((thing.name, thing.variant), None)
+    return ParameterSet(made.parameters, made.texts, made.axes, others.values(), sets[0].origin)
 
 
 def _put(things: dict[str, tuple[Parameter | Text, str]], thing: Parameter | Text, source: str) -> Change | None:
