@@ -1,7 +1,7 @@
 """Several calibrations as one: what a later one has replaces what an earlier one said."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,7 +82,9 @@ def _put(things: dict[str, tuple[Parameter | Text, str]], thing: Parameter | Tex
 
 
 def _alone(thing: Parameter | Text) -> ParameterSet:
-    return ParameterSet((), [thing]) if isinstance(thing, Text) else ParameterSet([thing])
+    if isinstance(thing, Text):
+        return ParameterSet((), [replace(thing, variant="")])
+    return ParameterSet([thing.changed(variant="")])
 
 
 def _put_axis(axes: dict[str, tuple[Axis, str]], axis: Axis, source: str) -> Change | None:
