@@ -109,7 +109,12 @@ def split(text: str, notes: Notes) -> DcmLines:
     """Cut DCM text into blocks; whatever is no DCM goes to the notes, with its line."""
     splitter = _Splitter(notes)
     for number, line in enumerate(text.split("\n"), 1):
-        splitter.feed(number, line)
+        parts = line.split(None, 1)
+        # nearly all lines of a file are these, so they take the short way
+        if len(parts) == 2 and parts[0] in _INSIDE and splitter.block is not None:
+            splitter.block.statements.append((number, parts[0], parts[1]))
+        elif parts:
+            splitter.feed(number, line, parts[0], parts[1] if len(parts) > 1 else "")
     splitter.close_open_block()
     splitter.note_unknown_keywords()
     return DcmLines(splitter.version, splitter.blocks, frozenset(splitter.criteria))
@@ -125,11 +130,8 @@ class _Splitter:
         self.unknown: dict[str, Statement] = {}
         self.guessed = 0
 
-    def feed(self, number: int, line: str) -> None:
-        parts = line.split(None, 1)
-        if not parts:
-            return
-        keyword, rest = parts[0], parts[1] if len(parts) > 1 else ""
+    def feed(self, number: int, line: str, keyword: str, rest: str) -> None:
+        """Take a line that begins with a keyword, followed by the rest."""
         if self.block is not None and keyword in _INSIDE:
             self.block.statements.append((number, keyword, rest))
         elif keyword[0] in "*!.":

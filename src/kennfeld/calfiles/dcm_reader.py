@@ -275,20 +275,24 @@ class _Reader:
 
     def _numbers(self, block: Lines, keyword: str) -> _Numbers | None:
         """All numbers behind a keyword; None where one of them is none."""
-        numbers: list[float] = []
+        words: list[str] = []
         rows: list[tuple[int, str, int]] = []
+        waiting: list[str] = []  # lines that are split together, since a split for each would take twice as long
         begin = 0
+        for line, key, rest in block.statements:
+            if key == keyword:
+                begin = begin or line
+                waiting.append(rest)
+            elif key == "ST/Y":
+                words += " ".join(waiting).split()
+                waiting.clear()
+                rows.append((line, rest, len(words)))
+        words += " ".join(waiting).split()
         try:
-            for line, key, rest in block.statements:
-                if key == keyword:
-                    begin = begin or line
-                    numbers += map(_strict_float if "_" in rest else float, rest.split())
-                elif key == "ST/Y":
-                    rows.append((line, rest, len(numbers)))
+            values = np.array(list(map(_strict_float if "_" in "".join(words) else float, words)), dtype=np.float64)
         except ValueError:
             self._wrong_numbers(block, keyword)
             return None
-        values = np.array(numbers, dtype=np.float64)
         if not np.isfinite(values).all():
             self._wrong_numbers(block, keyword)
             return None
