@@ -164,6 +164,28 @@ def test_the_chosen_variant_is_the_one_that_changes(written, tmp_path):
     assert found == ["-   VAR A=27.5,B=28\n", "+   VAR A=27.5,B=29\n"]
 
 
+def test_values_of_variants_keep_their_blanks(written, tmp_path):
+    path = written("FESTWERT W\n  WERT 1\n\tVAR BA = 2 , A=  3,C=4  \nEND\n")
+    parameters = read(path).in_variant("A").with_parameters(Scalar("W", 3.5))
+    parameters = parameters.in_variant("C").with_parameters(Scalar("W", 44))
+    found = changed(path, parameters, tmp_path / "b.dcm")
+    assert found[-1] == "+ \tVAR BA = 2 , A=  3.5,C=44  \n"
+    assert read(tmp_path / "b.dcm").everything == parameters.everything
+
+
+def test_a_new_description_replaces_the_old_one_or_is_added(written, tmp_path):
+    path = written(TEXT)
+    parameters = read(path)
+    told = [parameters[name].changed(description="what it is for") for name in "KM"]
+    found = changed(path, parameters.with_parameters(*told), tmp_path / "b.dcm")
+    assert [line for line in found if line[0] == "+"] == [
+        '+ \t LANGNAME "what it is for"  ! no comment\n',
+        '+    LANGNAME "what it is for"\n',
+    ]
+    silent = parameters["K"].changed(description="")
+    assert changed(path, parameters.with_parameters(silent), tmp_path / "c.dcm") == []
+
+
 def test_a_changed_text_changes_between_its_quotes(written, tmp_path):
     path = written(TEXT)
     parameters = read(path)

@@ -14,10 +14,11 @@ from kennfeld.calfiles.dcm_lines import DcmLines, split, unquoted
 from kennfeld.calfiles.format import Content, Notes, Source, counted
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
 
-__all__ = ["Dcm", "Key", "read_dcm", "variant_of", "variant_values"]
+__all__ = ["Dcm", "Key", "VariantValue", "read_dcm", "variant_of", "variant_values"]
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
-_VARIANT = re.compile(r'[^,="]*="(?:[^"\\]|\\.)*"|[^,]+')
+_LONGEST = 4096  # characters of a line with the values of variants; the search takes the square of them
+_VARIANT = re.compile(r'([^,="]+)(?:=\s*("(?:[^"\\]|\\.)*"|[^,]*))?\s*(?:,|$)')
 
 
 Key = tuple[str, str]  # name and variant
@@ -110,8 +111,18 @@ def _criteria(rest: str) -> str:
     return ",".join("=".join(side.strip() for side in part.split("=")) for part in rest.split(","))
 
 
-def variant_values(block: Lines, criteria: frozenset[str]) -> list[tuple[int, str, str]]:
-    """The values of other variants in a block of one value, `VAR VariantA=27.5` below it: line, variant, value.
+@dataclass(frozen=True)
+class VariantValue:
+    """The value of another variant in a block of one value, `VAR VariantA=27.5`: `start` is its place in the rest."""
+
+    variant: str
+    value: str
+    line: int
+    start: int
+
+
+def variant_values(block: Lines, criteria: frozenset[str]) -> list[VariantValue]:
+    """The values of other variants in a block of one value.
 
     Such a line states a criterion instead where the variant coding of the file declares it.
     """
@@ -119,16 +130,15 @@ def variant_values(block: Lines, criteria: frozenset[str]) -> list[tuple[int, st
     if block.keyword not in ("FESTWERT", "TEXTSTRING") or not {"WERT", "TEXT"} & set(keys):
         return []
     first = next(at for at, key in enumerate(keys) if key in ("WERT", "TEXT"))
-    parts = [
-        (line, *part.partition("=")[::2])
+    values = [
+        VariantValue(found[1].strip(), (found[2] or "").strip(), line, found.start(2))
         for line, key, rest in block.statements[first:]
-        if key == "VAR"
-        for part in _VARIANT.findall(rest)
+        if key == "VAR" and len(rest) < _LONGEST
+        for found in _VARIANT.finditer(rest)
     ]
-    values = [(line, name.strip(), value.strip()) for line, name, value in parts]
     quoted = keys[first] == "TEXT"
-    fits = (value.startswith('"') if quoted else _is_number(value) for _, _, value in values)
-    return values if all(fits) and not criteria & {name for _, name, _ in values} else []
+    fits = (one.value.startswith('"') if quoted else _is_number(one.value) for one in values)
+    return values if all(fits) and not criteria & {one.variant for one in values} else []
 
 
 class _Reader:
@@ -172,11 +182,11 @@ class _Reader:
 
     def _take(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
         self._hold(block, thing, groups)
-        for _, variant, value in variant_values(block, self.criteria):
+        for one in variant_values(block, self.criteria):
             if isinstance(thing, Text):
-                self._hold(block, replace(thing, text=unquoted(value), variant=variant))
+                self._hold(block, replace(thing, text=unquoted(one.value), variant=one.variant))
             else:
-                self._hold(block, thing.changed(values=np.array(float(value)), variant=variant))
+                self._hold(block, thing.changed(values=np.array(float(one.value)), variant=one.variant))
 
     def _hold(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
         """One label may occur once a variant."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.dcm_lines import Block as Lines
-from kennfeld.calfiles.dcm_reader import Dcm, Key, variant_values
+from kennfeld.calfiles.dcm_reader import Dcm, Key, VariantValue, variant_values
 from kennfeld.calfiles.dcm_writer import axis_block, in_the_block_of, quoted, refuse, thing_block, whole_text
 from kennfeld.calfiles.format import Written
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
@@ -42,8 +42,7 @@ class _Update:
         self.now: Mapping[Key, Thing] = parameters.everything
         self.axes = {axis.name: axis for axis in parameters.axes}
         self.text = dcm.source.lines
-        first = self.text[0] if self.text else "\n"
-        self.newline = first[len(first.rstrip("\r\n")) :] or "\n"
+        self.newline = (_end_of(self.text[0]) if self.text else "") or "\n"
         # What was never read stays, unless the set is a part of the file only.
         self.complete = dcm.things.keys() <= self.now.keys() and dcm.axes.keys() <= self.axes.keys()
 
@@ -79,7 +78,7 @@ class _Update:
             yield from self.text[block.line - 1 : block.end]
 
     def _is_unchanged(self, block: Lines, key: Key) -> bool:
-        keys = [key, *((key[0], variant) for _, variant, _ in variant_values(block, self.dcm.criteria))]
+        keys = [key, *((key[0], one.variant) for one in variant_values(block, self.dcm.criteria))]
         return all(one in self.now and _alike(self.now[one], self.dcm.things[one]) for one in keys)
 
     def _with_axis(self, block: Lines, axis: Axis) -> Iterator[str]:
@@ -91,34 +90,48 @@ class _Update:
 
     def _with_thing(self, block: Lines, key: Key) -> Iterator[str]:
         before, now = self.dcm.things[key], self.now[key]
-        inner = {variant: line for line, variant, _ in variant_values(block, self.dcm.criteria)}
-        same = _same_form(before, now) and all((key[0], variant) in self.now for variant in inner)
-        if not same:
+        values = variant_values(block, self.dcm.criteria)
+        if not _same_form(before, now) or any((key[0], one.variant) not in self.now for one in values):
             others = [thing for thing in self.now.values() if thing.name == key[0] and in_the_block_of(now, thing)]
             yield from self._anew(block, thing_block(now, others))
             return
-        texts = {line: self._variant_line(line, block, key[0]) for line in inner.values()}
+        texts = {one.line: self._variant_line(one.line, values, key[0]) for one in values}
+        if now.description and now.description != before.description:
+            texts |= self._described(block, now.description)
         numbers = {}
         if isinstance(now, Text) and isinstance(before, Text):
             if now.text != before.text:
-                line = next(line for line, word, _ in block.statements if word == "TEXT")
-                texts[line] = _requoted(self.text[line - 1], now.text)
+                line = _line_of(block, "TEXT")
+                texts[line] = self._requoted(line, now.text)
         elif isinstance(now, Parameter) and isinstance(before, Parameter):
             numbers["WERT"] = (before.values.T.ravel(), now.values.T.ravel())
             for word, old, new in zip(_AXES, before.axes, now.axes, strict=False):
                 numbers[word] = (old.breakpoints, new.breakpoints)
         yield from self._replaced(block, numbers, texts)
 
-    def _variant_line(self, number: int, block: Lines, name: str) -> str:
+    def _described(self, block: Lines, description: str) -> dict[int, str]:
+        """The line that says what a label is for, replaced, or added below the first line of the block."""
+        line = _line_of(block, "LANGNAME")
+        if line:
+            return {line: self._requoted(line, description)}
+        first = self.text[block.line - 1]
+        return {block.line: f"{first}   LANGNAME {quoted(description)}{_end_of(first)}"}
+
+    def _requoted(self, number: int, text: str) -> str:
+        return _requoted(self.text[number - 1], text)
+
+    def _variant_line(self, number: int, values: Sequence[VariantValue], name: str) -> str:
         """The line with the values of other variants in a block of one value."""
         line = self.text[number - 1]
-        for at, variant, value in variant_values(block, self.dcm.criteria):
-            before, now = self.dcm.things[name, variant], self.now[name, variant]
-            if at != number or _alike(now, before):
+        rest = line.rstrip("\r\n").split(None, 1)[1]
+        head = len(line.rstrip("\r\n")) - len(rest)
+        for one in sorted((one for one in values if one.line == number), key=lambda one: one.start, reverse=True):
+            now = self.now[name, one.variant]
+            if _alike(now, self.dcm.things[name, one.variant]):
                 continue
-            made = quoted(now.text) if isinstance(now, Text) else _written(float(now.values), value)
-            head, equals, tail = line.partition(f"{variant}=")
-            line = head + equals + tail.replace(value, made, 1)
+            made = quoted(now.text) if isinstance(now, Text) else _written(float(now.values), one.value)
+            at = head + one.start
+            line = line[:at] + made + line[at + len(one.value) :]
         return line
 
     def _replaced(
@@ -145,18 +158,15 @@ class _Update:
         *body, end = text.splitlines()
         yield from (line + self.newline for line in body)
         yield from (line for line in aside if line.strip() and not _GROUP_AXIS.match(line))
-        yield end + self._end_of(self.text[block.end - 1])
-
-    def _end_of(self, line: str) -> str:
-        return line[len(line.rstrip("\r\n")) :]
+        yield end + _end_of(self.text[block.end - 1])
 
     def _added(self) -> Iterator[str]:
         """The blocks of what the file had not."""
         inside = {
-            (key[0], variant)
+            (key[0], one.variant)
             for block in self.dcm.blocks
             if (key := self.dcm.keys.get(block.line)) is not None
-            for _, variant, _ in variant_values(block, self.dcm.criteria)
+            for one in variant_values(block, self.dcm.criteria)
         }
         blocks = [
             thing_block(thing) for key, thing in self.now.items() if key not in self.dcm.things and key not in inside
@@ -164,7 +174,7 @@ class _Update:
         blocks += [
             axis_block(axis) for name, axis in self.axes.items() if name not in self.dcm.axes and " " not in name
         ]
-        if blocks and self.text and not self._end_of(self.text[-1]):
+        if blocks and self.text and not _end_of(self.text[-1]):
             yield self.newline
         for block in blocks:
             yield self.newline
@@ -174,18 +184,26 @@ class _Update:
 _GROUP_AXIS = re.compile(r"\s*\*\s*SST")
 
 
+def _end_of(line: str) -> str:
+    """The line end as the file writes it; empty for a last line without one."""
+    return line[len(line.rstrip("\r\n")) :]
+
+
+def _line_of(block: Lines, keyword: str) -> int:
+    """The line of a keyword; 0 where it is not there."""
+    return next((line for line, word, _ in block.statements if word == keyword), 0)
+
+
 def _alike(now: Thing, before: Thing) -> bool:
     """Whether a block says the same still; limits and the like have no place in DCM."""
     if now is before:
         return True
+    if not _same_form(before, now) or (now.description and now.description != before.description):
+        return False
     if isinstance(now, Text) or isinstance(before, Text):
         return isinstance(now, Text) and isinstance(before, Text) and now.text == before.text
-    return (
-        _same_form(before, now)
-        and np.array_equal(now.values, before.values)
-        and all(
-            np.array_equal(one.breakpoints, other.breakpoints) for one, other in zip(now.axes, before.axes, strict=True)
-        )
+    return np.array_equal(now.values, before.values) and all(
+        np.array_equal(one.breakpoints, other.breakpoints) for one, other in zip(now.axes, before.axes, strict=True)
     )
 
 

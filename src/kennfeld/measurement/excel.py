@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.archives import overgrown
 from kennfeld.errors import InputError, nearest
 from kennfeld.measurement.cells import is_missing
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table
@@ -44,6 +45,8 @@ def _check_size(source: Source) -> None:
         return
     try:
         with zipfile.ZipFile(source.path) as archive:
+            if bomb := overgrown(archive):
+                raise InputError.of(source.name, bomb, "Such a file is made to exhaust a machine; export it anew.")
             sheets = [m for m in archive.infolist() if _SHEET.fullmatch(m.filename)]
             extents = [(sheet.filename, *_extent(archive, sheet)) for sheet in sheets]
     except _damage() as error:
