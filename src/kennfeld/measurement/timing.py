@@ -46,7 +46,7 @@ def _varies(values: Float) -> bool:
 
 
 def _rises(values: Float) -> bool:
-    return bool(np.all(np.diff(values) > 0))
+    return bool(np.all(values[1:] > values[:-1]))
 
 
 def seconds(column: Column) -> Float:
@@ -73,7 +73,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
             max(gaps.size - 200, 0),
         )
     latest = np.maximum.accumulate(time)
-    back = np.flatnonzero(np.diff(time) < -SAME) + 1
+    back = np.flatnonzero(time[1:] < time[:-1] - SAME) + 1
     found = [_backwards(table, column, time, int(k)) for k in back[:200]]
     still = int(np.count_nonzero(time[1:] < latest[:-1] + SAME))
     if not found and 2 * still > time.size:
