@@ -56,7 +56,8 @@ def seconds(column: Column) -> Float:
     array([0.  , 0.01])
     """
     factor, divisor = in_seconds(time_unit(column.name, column.unit) or column.unit) or (1.0, 1.0)
-    elapsed: Float = column.values - column.values[0] if column.dated else column.values * factor / divisor
+    with np.errstate(invalid="ignore"):  # files hold NaNs that complain of being touched
+        elapsed: Float = column.values - column.values[0] if column.dated else column.values * factor / divisor
     return elapsed
 
 
