@@ -42,3 +42,10 @@ def test_a_member_that_hides_its_size_is_told(tmp_path):
         member = archive.infolist()[0]
         member.file_size = member.compress_size
         assert overgrown(archive).startswith("sheet.xml holds ")
+
+
+def test_a_workbook_that_claims_more_texts_than_it_has_room_for_is_told(tmp_path):
+    for count, said in ((3, ""), (10**9, "xl/sharedStrings.xml claims to hold 1000000000 texts")):
+        with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+            archive.writestr("xl/sharedStrings.xml", f'<sst count="3" uniqueCount="{count}"><si><t>a</t></si></sst>')
+        assert fault(tmp_path / "a.zip") == said

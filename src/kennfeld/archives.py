@@ -1,5 +1,6 @@
-"""ZIP archives that unpack to much more than they should."""
+"""ZIP archives that take much more memory than they should: what unpacks to too much, or claims to hold it."""
 
+import re
 import zipfile
 import zlib
 
@@ -8,6 +9,9 @@ __all__ = ["overgrown"]
 LARGE = 100_000_000  # bytes; less than that harms nobody
 DENSEST = 100  # times; the sheets of a workbook shrink to a tenth, to a thirtieth where they repeat themselves
 _CHUNK = 1 << 20
+_SHARED = "xl/sharedStrings.xml"
+_HEAD = 4096  # bytes in which the root of the document stands
+_COUNT = re.compile(rb'\b(?:uniqueC|c)ount\s*=\s*["\'](\d{1,30})')
 
 
 def overgrown(archive: zipfile.ZipFile) -> str:
@@ -21,7 +25,21 @@ def overgrown(archive: zipfile.ZipFile) -> str:
             size = max(size, _real_size(archive, member))
         if size > LARGE and size > DENSEST * packed:
             return f"{member.filename[:80]} holds {size / 1e6:.0f} MB or more, packed into {packed / 1e6:.1f} MB"
-    return ""
+    return _claimed(archive)
+
+
+def _claimed(archive: zipfile.ZipFile) -> str:
+    """Whether the texts that the cells of a workbook share are said to be more than there can be.
+
+    Readers make room for so many at once, and end the process where there is none.
+    """
+    if _SHARED not in archive.namelist():
+        return ""
+    with archive.open(_SHARED) as member:
+        counts = [int(count) for count in _COUNT.findall(member.read(_HEAD))]
+    if max(counts, default=0) <= archive.getinfo(_SHARED).file_size:
+        return ""
+    return f"{_SHARED} claims to hold {max(counts)} texts"
 
 
 def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
