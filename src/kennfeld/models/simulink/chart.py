@@ -23,9 +23,9 @@ class ChartState:
 
     @property
     def name(self) -> str:
-        """The first line of the label, without a slash that ends it.
+        r"""The first line of the label, without a slash that ends it.
 
-        >>> ChartState("1", "Idle/\\nentry: y = 0;").name
+        >>> ChartState("1", "Idle/\nentry: y = 0;").name
         'Idle'
         """
         lines = self.label.strip().splitlines()

@@ -31,9 +31,9 @@ __all__ = [
 
 
 def normalised(name: str) -> str:
-    """A name with every run of white space, line ends included, as one space.
+    r"""A name with every run of white space, line ends included, as one space.
 
-    >>> normalised("engine +\\n impeller")
+    >>> normalised("engine +\n impeller")
     'engine + impeller'
     """
     return " ".join(name.split())
