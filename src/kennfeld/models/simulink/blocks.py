@@ -67,7 +67,7 @@ class Builder:
         self.charts = charts
         self.defaults = defaults
         self.enumerations: dict[str, None] = {}
-        self._loading: list[str] = []
+        self._used: set[str] = set()  # each holds the content of one block; shared ones could multiply without end
 
     def system(self, section: Section, path: tuple[str, ...] = ()) -> System:
         """The system of a section, with everything below it."""
@@ -83,8 +83,9 @@ class Builder:
 
     def _separate(self, name: str, path: tuple[str, ...]) -> System:
         place = f"({joined(*path)[:80] or 'the root'})"
-        if name in self._loading:
-            raise self.trouble.refuse(place, f"holds the system {name[:80]}, which holds itself")
+        if name in self._used:
+            raise self.trouble.refuse(place, f"has its content in {name[:80]}, which is used twice")
+        self._used.add(name)
         section = self.load(name)
         if section is None:
             what = f"has its content in {name[:80]}, which is missing or broken"
@@ -92,10 +93,7 @@ class Builder:
             return System()
         if "Ref" in section.keys:
             raise self.trouble.refuse(place, f"has its content in {name[:80]}, which holds none")
-        self._loading.append(name)
-        system = self.system(section, path)
-        self._loading.pop()
-        return system
+        return self.system(section, path)
 
     def _block(self, section: Section, number: int, parents: tuple[str, ...]) -> Block:
         keys = section.keys

@@ -103,12 +103,12 @@ def text_package(raw: bytes, trouble: Trouble) -> Package:
     """The parts of a text package: a header line each, then XML as it is, or bytes in base 64."""
     end = _END.search(raw)
     if end is None:
-        trouble.error("", "is cut off: the text package has no end", _COPY)
+        raise trouble.refuse("", "is cut off: the text package has no end", _COPY)
     release = _PACKAGE.search(raw)
     found = list(_PART.finditer(raw))
-    stops = [part.start() for part in found[1:]] + [end.start() if end else len(raw)]
+    stops = [*(part.start() for part in found[1:]), end.start()]
     texts = {}
-    for part, stop in zip(found, stops, strict=True):
+    for part, stop in zip(found, stops, strict=False):
         name = part[1].decode("utf-8", "replace").lstrip("/")
         texts[name] = _content(raw[part.end() : stop], part[2].upper() == b"BASE64", name, trouble)
     named = release[1].decode("ascii", "replace") if release else ""
