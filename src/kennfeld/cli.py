@@ -150,9 +150,13 @@ def check(path: ProjectFile) -> int:
     problem = project.problem()
     values = sum(problem.parameters[name].size for name in problem.free_names)
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in problem.datasets]
-    say(f"{path}: {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{path}: {_soundness(findings)}")
     say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
+
+
+def _soundness(findings: Sequence[Finding]) -> str:
+    return "ready, with warnings" if any(f.severity == "warning" for f in findings) else "no problem found"
 
 
 def _check_training(path: Path) -> int:
@@ -166,7 +170,7 @@ def _check_training(path: Path) -> int:
     settings = training.settings
     called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
-    say(f"{path}: a training file, {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{path}: a training file, {_soundness(findings)}")
     say(f"{settings.kind} surrogate {called}; {', '.join(samples)}")
     say(f"Next: kennfeld surrogate train {path}")
     return DONE

@@ -199,6 +199,7 @@ class _Assembling:
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of calculated channels that nothing uses; conditions may use any."""
         conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
+        conditions += " ".join(["", *(one.channel for entry in self.file.datasets for one in entry.steady)])
         if self.function is None:
             return
         used = {*calculated.needed(names), *calculated.broken}

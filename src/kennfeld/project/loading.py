@@ -15,6 +15,7 @@ from kennfeld.project.calculated import Calculated, evaluated, read_expression, 
 from kennfeld.project.files import default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
 from kennfeld.project.shift import refined, shifted
+from kennfeld.project.steady import steady_points
 
 __all__ = ["Loaded", "Wanted", "load"]
 
@@ -88,7 +89,8 @@ class _Loading:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
         conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
         weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
-        self.required = {**dict(wanted.required), **conditions, **weights}
+        steady = dict.fromkeys((one.channel for one in entry.steady), "the channel of `steady`")
+        self.required = {**dict(wanted.required), **conditions, **weights, **steady}
         self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
         self.failed = bool(entry.where) and self.where is None
 
@@ -220,7 +222,8 @@ class _Loading:
 
     def _finished(self, dataset: Dataset) -> Dataset | None:
         shift = self.entry.shift or {}
-        dataset = self._held(dataset)
+        if not self.entry.steady:
+            dataset = self._held(dataset)
         if not self._fits_time(dataset, shift):
             return None
         dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
@@ -231,9 +234,18 @@ class _Loading:
                 self._keep([Finding(self.file.place(f"[calculated] {name}"), what, "Name the time channel `time`.")])
                 return None
         dataset = self._chosen(self.calculated.added(dataset, names, shift))
+        if self.entry.steady:
+            return self._steady(dataset)
         if self.wanted.step is not None:
             dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
         return dataset
+
+    def _steady(self, dataset: Dataset) -> Dataset | None:
+        """The means over the plateaus, to be held where the entry asks for it too."""
+        if self.failed or any(one.channel not in dataset for one in self.entry.steady):
+            return None
+        points = steady_points(dataset, self.entry, self.findings)
+        return None if points is None else self._held(points)
 
     def _held(self, dataset: Dataset) -> Dataset:
         """The dataset as points to be held, whatever their time stamps, where the entry asks for it."""
@@ -249,6 +261,10 @@ class _Loading:
         if dataset.time is not None:
             return True
         good = True
+        if self.entry.steady:
+            mend = "Name the time channel `time`; leave steady out, if these are steady-state points."
+            self._report("steady", "plateaus are found in time, but the data have no time stamps", mend)
+            good = False
         for key, value in (("warmup", self.entry.warmup), ("max_gap", self.entry.max_gap)):
             if value > 0:
                 what = f"{key} = {value:g} s needs time, but the data have no time stamps"

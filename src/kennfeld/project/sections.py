@@ -18,6 +18,7 @@ from kennfeld.project.schema import (
     TargetEntry,
 )
 from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.steady_section import check_steady, steady_entries
 from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import is_training, read_toml
@@ -109,8 +110,10 @@ def _dataset(section: Section) -> DatasetEntry:
         settle=section.number("settle", 0.0, 0.0, above=True) or None,
         average=section.number("average", 0.0, 0.0),
         step=section.number("step", 0.0, 0.0, above=True) or None,
+        steady=steady_entries(section),
     )
     _check_settling(section, entry)
+    check_steady(section, entry)
     section.end()
     return entry
 
@@ -123,7 +126,7 @@ def _check_settling(section: Section, entry: DatasetEntry) -> None:
                 section.report(key, f"{key} has no meaning without settle", "Write settle = ... in s, or remove it.")
         return
     for key in ("raster", "warmup", "max_gap"):
-        if section.has(key):
+        if section.has(key) and not section.has("steady"):  # which makes points of a recording first
             section.report(key, f"{key} is for recordings in time, settle for steady-state points", "Remove one.")
     for key, value in (("average", entry.average), ("step", entry.step)):
         if entry.settle is not None and value is not None and value > entry.settle:
