@@ -10,12 +10,15 @@ from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
+from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize.data.binding import NEAR
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
 from kennfeld.project.files import default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
 from kennfeld.project.shift import refined, shifted
 from kennfeld.project.steady import steady_points
+from kennfeld.project.toml import quoted
+from kennfeld.project.units import Units, check_stated, restated
 
 __all__ = ["Loaded", "Wanted", "load"]
 
@@ -25,11 +28,13 @@ class Wanted:
     """The channels that a project reads, each with what it is for.
 
     Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
+    `units` are those that the function has for channels, each with whose it is.
     """
 
     required: Mapping[str, str] = field(default_factory=dict)
     optional: Mapping[str, str] = field(default_factory=dict)
     inputs: frozenset[str] = frozenset()
+    units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     step: float | None = None
 
 
@@ -47,10 +52,16 @@ class Loaded:
 def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: list[Finding]) -> Loaded:
     """All datasets that can be read, and what is wrong with the others."""
     loaded = Loaded()
+    units = Units(file.units, wanted.units)
+    formulas = {name for graph in calculated.graphs.values() for name in graph.inputs}
+    used: set[str] = set()
     for entry in file.datasets:
         name = entry.name
         try:
-            made = _Loading(file, entry, wanted, calculated, findings, loaded).dataset()
+            work = _Loading(file, entry, wanted, calculated, findings, loaded, units)
+            formulas |= work.in_formulas
+            used |= work.used
+            made = work.dataset()
         except InputError as error:
             findings += error.findings
             made = None
@@ -67,6 +78,7 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
             if entry.unknown_shifts:
                 loaded.unknown_shifts[made.name] = entry.unknown_shifts
             loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
+    findings += [*units.remarks(formulas), *check_stated(file, used)]
     return loaded
 
 
@@ -81,9 +93,10 @@ class _Loading:
         calculated: Calculated,
         findings: list[Finding],
         loaded: Loaded,
+        units: Units,
     ) -> None:
         self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
-        self.findings, self.loaded = findings, loaded
+        self.findings, self.loaded, self.units = findings, loaded, units
         self.where: Graph | None = None
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
@@ -93,6 +106,17 @@ class _Loading:
         self.required = {**dict(wanted.required), **conditions, **weights, **steady}
         self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
         self.failed = bool(entry.where) and self.where is None
+
+    @property
+    def in_formulas(self) -> set[str]:
+        """The channels whose numbers the entry speaks of."""
+        return {*(self.where.inputs if self.where else ()), *(one.channel for one in self.entry.steady)}
+
+    @property
+    def used(self) -> set[str]:
+        """The channels that the project reads or calculates for this dataset."""
+        needed = self.calculated.needed([*self.required, *self.optional])
+        return {*needed, *self._channels(), *self.calculated.graphs}
 
     def dataset(self) -> Dataset | None:
         """The dataset, or None where a finding says why there is none."""
@@ -123,7 +147,7 @@ class _Loading:
         yield from found
 
     def _check_shift(self) -> None:
-        used = {*self.calculated.needed([*self.required, *self.optional]), *self._channels(), *self.calculated.graphs}
+        used = self.used
         for name in (*(self.entry.shift or {}), *self.entry.unknown_shifts):
             if name not in used:
                 mend = nearest(name, used) or "Name a channel of the files or a calculated one."
@@ -138,15 +162,24 @@ class _Loading:
         return self.calculated.recorded([*self.required, *self.optional])
 
     def _parts(self, paths: Sequence[str]) -> Iterator[Dataset]:
+        """The files, their channels in the units of the function, or else in those of the first file."""
+        first: dict[str, str] = {}
+        for path, part in self._recordings(paths):
+            made = self.units.converted(part, Path(path).name, first)
+            first = {c.name: c.unit for c in made.channels if not says_nothing(c.unit)} | first
+            yield made
+
+    def _recordings(self, paths: Sequence[str]) -> Iterator[tuple[str, Dataset]]:
+        """The files that can be read, as recorded."""
         missed: dict[str, list[str]] = {}
         listed: dict[str, None] = {}
         for path in paths:
             try:
-                yield read(path, self._channels() or None, self.entry.raster)
+                yield path, read(path, self._channels() or None, self.entry.raster)
             except InputError as error:
                 part = self._lenient(path, error, missed, listed)
                 if part is not None:
-                    yield part
+                    yield path, part
         self._report_missed(missed, listed)
 
     def _lenient(
@@ -181,7 +214,7 @@ class _Loading:
             names = ", ".join(list(listed)[:8]) + (", ..." if len(listed) > 8 else "")
             mend = nearest(channel, listed) or f"It has {names}."
             if why.startswith("the input ") and channel not in self.file.channels.values():
-                key = _key(channel)
+                key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 0.0."
                 mend = f'{mend} Name its channel in [channels]: {key} = "..."; {scalar}'
             self.findings.append(Finding(place, f"has no channel {channel}, {why}", mend))
@@ -213,8 +246,10 @@ class _Loading:
         units: dict[str, str] = {}
         for part in parts:
             for channel in part.channels:
+                if says_nothing(channel.unit):
+                    continue
                 first = units.setdefault(channel.name, channel.unit)
-                if channel.unit != first and channel.unit and first:
+                if channel.unit != first and compare(channel.unit, first) != "same":
                     what = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
                     place = f"{self.entry.place} files"
                     self.findings.append(Finding(place, what, "Split the dataset.", severity="warning"))
@@ -233,7 +268,7 @@ class _Loading:
                 what = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
                 self._keep([Finding(self.file.place(f"[calculated] {name}"), what, "Name the time channel `time`.")])
                 return None
-        dataset = self._chosen(self.calculated.added(dataset, names, shift))
+        dataset = self._chosen(restated(self.calculated.added(dataset, names, shift), self.file.units))
         if self.entry.steady:
             return self._steady(dataset)
         if self.wanted.step is not None:
@@ -295,7 +330,3 @@ class _Loading:
             if not scored.any():
                 self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
         return dataset if scored.all() else replace(dataset, scored=scored)
-
-
-def _key(name: str) -> str:
-    return name if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii() else f'"{name}"'

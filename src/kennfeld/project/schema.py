@@ -257,6 +257,7 @@ class ProjectFile:
     equalities: tuple[EqualityEntry, ...] = ()
     steps: tuple[StepEntry, ...] = ()
     surrogates: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     @property

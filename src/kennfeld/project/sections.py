@@ -51,6 +51,7 @@ def read_project(path: Path) -> ProjectFile:
         equalities=tuple(equality_entry(section) for section in root.sections("equality")),
         steps=steps(root),
         surrogates=root.text_table("surrogates"),
+        units=root.text_table("units"),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
     _end(root)
@@ -62,7 +63,7 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
-    more = ("limit", "equality", "optimizer", "step", "surrogates")
+    more = ("limit", "equality", "optimizer", "step", "surrogates", "units")
     for key, value in root.values.items():
         if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
