@@ -235,3 +235,29 @@ def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, da
     except InputError as error:
         findings += error.findings
     assert all(str(finding) and finding.place for finding in findings)
+
+
+def test_calculated_channels_may_stand_within_the_channels(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\ntwice = "2 * n"').add(
+        '[calculated]\nhalf = "n / 2"'
+    )
+    file = shop.project.file
+    assert file.channels == {"Speed": "n"}
+    assert file.calculated == {"twice": "2 * n", "half": "n / 2"}
+
+
+def test_a_channel_that_is_calculated_in_two_places_is_an_error(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\nhalf = "n / 2"').add('[calculated]\nhalf = "n / 3"')
+    assert (
+        shop.error() == "kennfeld.toml [channels] calculated half: the channel stands in [calculated] too. Remove one."
+    )
+
+
+def test_an_input_may_be_called_calculated(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\ncalculated = "Torque"')
+    assert shop.project.file.channels == {"Speed": "n", "calculated": "Torque"}
+
+
+def test_a_formula_that_is_no_text_is_an_error(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\nhalf = 3')
+    assert "[channels] calculated half: 3 is no text" in shop.error()

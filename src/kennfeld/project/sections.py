@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.channel_sections import channel_tables
 from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     CalibrationEntry,
@@ -35,12 +36,13 @@ def read_project(path: Path) -> ProjectFile:
     if is_training(tables):
         raise InputError.of(path.name, "this is a training file, no project", "Run `kennfeld surrogate train`.")
     root = Section(tables, path.name, findings)
+    channels, calculated = channel_tables(root)
     file = ProjectFile(
         path=path,
         name=path.resolve().parent.name if path.stem == "kennfeld" else path.stem,
         model=_model(root),
-        channels=root.text_table("channels"),
-        calculated=root.text_table("calculated"),
+        channels=channels,
+        calculated=calculated,
         datasets=read_datasets(root),
         calibration=_calibration(root),
         axes={name: group_axis(name, section) for name, section in root.named("axes").items()},
