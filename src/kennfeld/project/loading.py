@@ -10,6 +10,7 @@ from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
+from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize.data.binding import NEAR
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
@@ -21,6 +22,8 @@ from kennfeld.project.toml import quoted
 from kennfeld.project.units import Units, check_stated, restated
 
 __all__ = ["Loaded", "Wanted", "load"]
+
+_CACHE = Path(".kennfeld") / "cache"  # beside the project file
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class _Loading:
     ) -> None:
         self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
         self.findings, self.loaded, self.units = findings, loaded, units
+        self.cache = Cache(file.folder / _CACHE) if entry.cache else None
         self.where: Graph | None = None
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
@@ -174,24 +178,42 @@ class _Loading:
         missed: dict[str, list[str]] = {}
         listed: dict[str, None] = {}
         for path in paths:
-            try:
-                yield path, read(path, self._channels() or None, self.entry.raster)
-            except InputError as error:
-                part = self._lenient(path, error, missed, listed)
-                if part is not None:
-                    yield path, part
+            part = self._recording(path, missed, listed)
+            if part is not None:
+                yield path, part
         self._report_missed(missed, listed)
 
-    def _lenient(
-        self, path: str, error: InputError, missed: dict[str, list[str]], listed: dict[str, None]
-    ) -> Dataset | None:
-        """The file without the optional channels that it lacks; keeps what it misses otherwise."""
+    def _recording(self, path: str, missed: dict[str, list[str]], listed: dict[str, None]) -> Dataset | None:
+        """The file, without the optional channels that it lacks; None, and findings, where it is of no use."""
+        asked = self._channels() or None, self.entry.raster
+        try:
+            names = None if self.cache is None else self.cache.failed(path, *asked)
+            if names is None:
+                return self._read(path, *asked)
+        except InputError as error:
+            names = self._names(path, error)
+            if names is None:
+                return None
+            if self.cache is not None:
+                self.cache.keep_failed(path, *asked, names)
+        return self._lenient(path, names, missed, listed)
+
+    def _read(self, path: str, channels: Sequence[str] | None, raster: float | None) -> Dataset:
+        return read(path, channels, raster) if self.cache is None else self.cache.read(path, channels, raster)
+
+    def _names(self, path: str, error: InputError) -> list[str] | None:
+        """All that a file has, where it cannot give what is asked for; None where it cannot be read at all."""
         try:
             tables = describe(path).tables
         except InputError:
             self._keep(error.findings)
             return None
-        names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+        return [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+
+    def _lenient(
+        self, path: str, names: Sequence[str], missed: dict[str, list[str]], listed: dict[str, None]
+    ) -> Dataset | None:
+        """The file without the optional channels that it lacks; keeps what it misses otherwise."""
         self.loaded.offered |= dict.fromkeys(names)
         absent = [name for name in self._channels() if name not in names]
         needed = [name for name in self.calculated.recorded(self.required) if name in absent]
@@ -202,7 +224,7 @@ class _Loading:
             self.failed = True
             return None
         try:
-            return read(path, [name for name in self._channels() if name not in absent], self.entry.raster)
+            return self._read(path, [name for name in self._channels() if name not in absent], self.entry.raster)
         except InputError as again:
             self._keep(again.findings)
             return None

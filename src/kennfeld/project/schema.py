@@ -77,6 +77,7 @@ class DatasetEntry:
     average: float = 0.0
     step: float | None = None
     steady: tuple[SteadyEntry, ...] = ()
+    cache: bool = True
 
 
 @dataclass(frozen=True)

@@ -114,6 +114,7 @@ def _dataset(section: Section) -> DatasetEntry:
         average=section.number("average", 0.0, 0.0),
         step=section.number("step", 0.0, 0.0, above=True) or None,
         steady=steady_entries(section),
+        cache=section.flag("cache") is not False,
     )
     _check_settling(section, entry)
     check_steady(section, entry)
