@@ -1,5 +1,7 @@
 """Projects on MDF files: patterns, rasters that meet, names that several groups have."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -101,3 +103,11 @@ def test_what_a_file_lacks_is_not_found_out_twice(project, tmp_path, monkeypatch
     second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
     assert np.array_equal(first["Torque"].values, second["Torque"].values, equal_nan=True)
     assert np.isnan(first["Torque"].values).any()
+
+
+def test_a_second_run_loads_no_library_that_reads_files(project, tmp_path):
+    project("raster = 0.02").problem()
+    code = "import sys; from kennfeld.project import Project\n"
+    code += f"assert Project.read({str(tmp_path / 'kennfeld.toml')!r}).problem()\n"
+    code += "assert not {'asammdf', 'pandas'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
