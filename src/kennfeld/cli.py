@@ -373,13 +373,26 @@ def info(
         Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, surrogate or project file.")
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    search: Annotated[
+        str,
+        typer.Option(
+            "--search", help="Show what has this in its name or description.", show_default=False, metavar="TEXT"
+        ),
+    ] = "",
 ) -> int:
-    """Show what is in a file."""
+    """Show what is in a file.
+
+    With --search, only channels, parameters and nodes whose name or description has the text, whatever its case; with
+    * and ? in it, those whose whole name fits.
+    """
     import json
 
     from kennfeld.terminal.contents import contents
+    from kennfeld.terminal.search import searched
 
     found = contents(path)
+    if search.strip():
+        found = searched(found, search)
     say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
     return DONE
 
