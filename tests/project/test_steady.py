@@ -112,6 +112,16 @@ def test_calculated_channels_are_calculated_in_time_and_then_averaged(ridden):
     assert points(ridden)["Load"].values[0] == pytest.approx(np.mean(first**2))
 
 
+def test_the_condition_may_leave_out_the_first_seconds(ridden):
+    again(ridden, "steady =", 'where = "t > 6"\nsteady =')
+    assert points(ridden)["n"].values == pytest.approx(LEVELS[1:])
+
+
+def test_plateaus_are_found_in_the_unit_of_the_function(ridden):
+    ridden.ride(**{"n [rpm]": None, "n [1/s]": None, "n [rad/s]": ridden.speed * np.pi / 30})
+    assert points(ridden)["n"].values == pytest.approx(LEVELS, abs=0.5)
+
+
 def test_a_calculated_channel_can_be_the_steady_one(ridden):
     ridden.add('[calculated]\nkrpm = "n / 1000"')
     again(ridden, 'channel = "n", window = 5.0, tolerance = 10', 'channel = "krpm", window = 5.0, tolerance = 0.01')

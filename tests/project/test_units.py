@@ -102,6 +102,11 @@ def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
     assert data(shop)["double"].values == pytest.approx(2 * SPEED)
 
 
+def test_a_region_over_a_converted_channel_is_told_too(shop):
+    in_radians(shop).change('target = "Torque"', 'target = "Torque"\nregions = [{ where = "n > 2100", weight = 2 }]')
+    assert shop.warning().endswith("the unit of the input Speed; formulas over n see rpm")
+
+
 def test_files_of_a_dataset_are_put_into_the_unit_of_the_function_each(shop):
     in_radians(shop, "bench2.csv")
     joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["n"]

@@ -6,7 +6,6 @@ of the entry itself, so that a damaged one is none. Whatever goes wrong here, th
 """
 
 import contextlib
-import hashlib
 import json
 import math
 import os
@@ -106,6 +105,8 @@ class Cache:
 
     def _seen(self, source: Source) -> _Seen | None:
         """What is known of a file, if it still has the content that it had; else its entries go."""
+        if not self.folder.is_dir():
+            return None
         note = self._note_of(source)
         if not note.is_file():
             return None
@@ -183,6 +184,8 @@ def _read_entry(entry: Path, name: str) -> Dataset | None:
 def _looked_at(path: Path) -> _Seen:
     """The file as it is now. Raises `OSError`."""
     at, stat = time.time_ns(), path.stat()
+    import hashlib
+
     with path.open("rb") as file:
         content = hashlib.file_digest(file, _digest).hexdigest()
     return _Seen(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content)
@@ -224,11 +227,15 @@ def _readers() -> list[list[int | str]]:
 
 
 def _digest() -> Any:
+    import hashlib  # not needed where there is nothing to look up
+
     return hashlib.blake2b(digest_size=20)
 
 
 def _hash(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=20).hexdigest()
+    digest = _digest()
+    digest.update(content)
+    return str(digest.hexdigest())
 
 
 def _remove(path: Path) -> None:

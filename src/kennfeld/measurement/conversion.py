@@ -8,7 +8,6 @@ import logging
 import math
 import re
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cache
 from typing import Any, Literal, TypeVar
 
@@ -91,10 +90,10 @@ lambda: λ lambda
 air_fuel_ratio: afr
 """
 _OWN = ("stroke", "engine_cycle", "cylinder", "lambda", "air_fuel_ratio")  # each a quantity of its own
-_KELVIN = {  # the size of a degree, and what its 0 is
-    "kelvin": (Fraction(1), Fraction(0)),
-    "degree_Celsius": (Fraction(1), Fraction("273.15")),
-    "degree_Fahrenheit": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
+_KELVIN = {  # 180 times the size of a degree, and 180 times what its 0 is: whole numbers, so that nothing is rounded
+    "kelvin": (180, 0),
+    "degree_Celsius": (180, 49_167),
+    "degree_Fahrenheit": (100, 45_967),
 }
 _DIFFERENCE = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"}
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
@@ -152,7 +151,7 @@ def compare(source: str, target: str) -> Conversion | Kinship:
 def _temperature(source: str, target: str) -> Conversion:
     factor, offset = _KELVIN[source]
     unit, zero = _KELVIN[target]
-    return Conversion(float(factor / unit), float((offset - zero) / unit))
+    return Conversion(factor / unit, (offset - zero) / unit)
 
 
 def _converted(one: _Unit, other: _Unit) -> Conversion | Kinship:

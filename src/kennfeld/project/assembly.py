@@ -190,12 +190,13 @@ class _Assembling:
         if function is not None:
             limits = [Limit(entry.node, entry.lower, entry.upper, entry.where) for entry in file.limits]
             targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
-        optional = {**weight_channels(file), **targets}
+        regions = weight_channels(file)
+        optional = {**regions, **targets}
         optional |= {name: why for name, why in quantiles.items() if name not in nodes}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
-        return Wanted(needed, optional, frozenset(needed), self._units(), self._step())
+        return Wanted(needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step())
 
     def _units(self) -> dict[str, tuple[str, str]]:
         """The units that the function has for channels, those of its inputs before those of nodes with a target."""

@@ -31,13 +31,15 @@ class Wanted:
     """The channels that a project reads, each with what it is for.
 
     Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
-    `units` are those that the function has for channels, each with whose it is.
+    `units` are those that the function has for channels, each with whose it is; `in_formulas` the channels that
+    criteria weigh their samples by.
     """
 
     required: Mapping[str, str] = field(default_factory=dict)
     optional: Mapping[str, str] = field(default_factory=dict)
     inputs: frozenset[str] = frozenset()
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    in_formulas: frozenset[str] = frozenset()
     step: float | None = None
 
 
@@ -56,7 +58,7 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
     """All datasets that can be read, and what is wrong with the others."""
     loaded = Loaded()
     units = Units(file.units, wanted.units)
-    formulas = {name for graph in calculated.graphs.values() for name in graph.inputs}
+    formulas = {*wanted.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
     used: set[str] = set()
     for entry in file.datasets:
         name = entry.name
