@@ -24,6 +24,16 @@ def test_each_matching_file_is_a_piece_in_the_order_of_its_name(shop):
     assert data["n"].values.tolist() == [1000, 1100, 1500, 2000, 2500, 3000]
 
 
+def test_what_the_cache_keeps_is_no_recording(shop):
+    shop.bench("bench.parquet")
+    shop.write(".kennfeld/cache/1-2-3.parquet", b"kept")
+    shop.write("kennfeld/cache/a.parquet", b"mine")
+    found = [
+        path.removeprefix(str(shop.folder))[1:].replace("\\", "/") for path in matching(shop.folder, "**/*.parquet")
+    ]
+    assert found == ["bench.parquet", "kennfeld/cache/a.parquet"]
+
+
 def test_a_file_that_two_patterns_match_is_read_once(shop):
     assert dataset(shop.change('"bench.csv"', '"bench.csv", "b*.csv"')).samples == 6
 

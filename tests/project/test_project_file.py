@@ -214,6 +214,14 @@ def test_all_problems_of_the_file_come_at_once(shop):
     assert len(shop.errors()) == 4
 
 
+STEADY = """[channels.calculated]
+half = "n / 2"
+[units]
+n = "rpm"
+[[dataset]]
+cache = false
+steady = [{ channel = "n", window = 5, tolerance = 1 }, { channel = "half", window = 1, tolerance = 0.5 }]
+"""
 TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", "1e999", "inf", '"', "é", "\t"]
 
 
@@ -221,7 +229,7 @@ TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", 
 @given(data=st.data())
 def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, data):
     text = (
-        sound_toml
+        sound_toml.replace("[[dataset]]", STEADY)
         + "\n[parameters.Gain]\nx = { input = 'Speed', count = 3 }\nbounds = [0, inf]\nlock = [{ x = [1, 2] }]\n"
     )
     for _ in range(data.draw(st.integers(1, 3))):

@@ -120,7 +120,14 @@ def test_files_of_a_dataset_are_put_into_the_unit_of_the_first_where_the_functio
     joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["Load"]
     assert joined.values == pytest.approx([1, 2, 3, 4, 5, 6] * 2)
     assert joined.unit == "bar"
-    assert "bench2.csv: channel Load is in mbar and is converted to bar, the unit of another file" in shop.warning()
+    assert "bench2.csv: channel Load is in mbar and is converted to bar, the unit of bench.csv" in shop.warning()
+
+
+def test_datasets_are_put_into_one_unit_where_the_function_has_none(shop):
+    shop.bench("bench.csv", **{"Load": None, "Load [bar]": [1.0, 2, 3, 4, 5, 6]})
+    shop.bench("other.csv", **{"Load": None, "Load [mbar]": [1000.0, 2000, 3000, 4000, 5000, 6000]})
+    shop.add('[[dataset]]\nfiles = "other.csv"')
+    assert data(shop, 1)["Load"].values == pytest.approx([1, 2, 3, 4, 5, 6])
 
 
 def test_a_channel_that_two_inputs_want_in_two_units_follows_the_first(shop):

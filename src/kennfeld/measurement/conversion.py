@@ -23,7 +23,7 @@ _Unit = tuple[tuple[str, int], ...]  # names as pint knows them, each with its e
 _NOTHING = frozenset(("", "-", "--", "1", "none", "unitless", "n/a", "bool", "boolean", "flag", "enum", "raw"))
 _WHOLE_WORDS = """
 revolution/minute: rpm 1/min min-1 min^-1 u/min upm rev/min r/min umdr/min ump/min rotations/min
-degree_Celsius: c degc deg_c celsius °c gradc gradcelsius degcelsius oc
+degree_Celsius: c degc deg_c celsius °c deg.c gradc gradcelsius degcelsius oc
 degree_Fahrenheit: degf deg_f fahrenheit °f
 kelvin: k kelvin degk °k
 degree: deg ° degree degrees grad °kw °ca °crk gradkw degkw degca degcrk deg_crk deg_ca degcrs gradca °kwvot °kwvzot

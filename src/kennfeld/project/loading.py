@@ -14,7 +14,7 @@ from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize.data.binding import NEAR
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
-from kennfeld.project.files import default_name, matching, near
+from kennfeld.project.files import CACHE, default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
 from kennfeld.project.shift import refined, shifted
 from kennfeld.project.steady import steady_points
@@ -22,8 +22,6 @@ from kennfeld.project.toml import quoted
 from kennfeld.project.units import Units, check_stated, restated
 
 __all__ = ["Loaded", "Wanted", "load"]
-
-_CACHE = Path(".kennfeld") / "cache"  # beside the project file
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ class _Loading:
     ) -> None:
         self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
         self.findings, self.loaded, self.units = findings, loaded, units
-        self.cache = Cache(file.folder / _CACHE) if entry.cache else None
+        self.cache = Cache(file.folder / CACHE) if entry.cache else None
         self.where: Graph | None = None
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
@@ -169,11 +167,8 @@ class _Loading:
 
     def _parts(self, paths: Sequence[str]) -> Iterator[Dataset]:
         """The files, their channels in the units of the function, or else in those of the first file."""
-        first: dict[str, str] = {}
         for path, part in self._recordings(paths):
-            made = self.units.converted(part, Path(path).name, first)
-            first = {c.name: c.unit for c in made.channels if not says_nothing(c.unit)} | first
-            yield made
+            yield self.units.converted(part, Path(path).name)
 
     def _recordings(self, paths: Sequence[str]) -> Iterator[tuple[str, Dataset]]:
         """The files that can be read, as recorded."""

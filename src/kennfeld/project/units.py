@@ -18,23 +18,23 @@ class Units:
     """Converts the channels of files, and keeps what was converted.
 
     `stated` are the units that the project file states, `wanted` the unit of each channel that the function has one
-    for, with what it is: the input Speed.
+    for, with whose it is: the input Speed. What the function has no unit for follows the first file that has one.
     """
 
     stated: Mapping[str, str]
     wanted: Mapping[str, tuple[str, str]]
+    first: dict[str, tuple[str, str]] = field(default_factory=dict)
     cases: dict[_Case, dict[str, None]] = field(default_factory=dict)
 
-    def converted(self, part: Dataset, name: str, first: Mapping[str, str]) -> Dataset:
-        """The recording with its channels converted; `name` is its file's, `first` the units of an earlier file."""
-        changed = [self._channel(channel, name, first) for channel in restated(part, self.stated).channels]
+    def converted(self, part: Dataset, name: str) -> Dataset:
+        """The recording with its channels converted; `name` is its file's."""
+        changed = [self._channel(channel, name) for channel in restated(part, self.stated).channels]
         return replace(part, channels=tuple(changed))
 
-    def _channel(self, channel: Channel, file: str, first: Mapping[str, str]) -> Channel:
-        of_first = first.get(channel.name, ""), "another file of the dataset"
-        unit, whose = self.wanted.get(channel.name, of_first)
-        if says_nothing(unit):
-            unit, whose = of_first
+    def _channel(self, channel: Channel, file: str) -> Channel:
+        if says_nothing(channel.unit):
+            return channel
+        unit, whose = self.wanted.get(channel.name) or self.first.setdefault(channel.name, (channel.unit, file))
         found = compare(channel.unit, unit)
         if not isinstance(found, Conversion):
             return channel
