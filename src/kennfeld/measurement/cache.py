@@ -17,7 +17,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from kennfeld import __version__
 from kennfeld.dataset import Dataset
 from kennfeld.measurement.entry import packed, unpacked
 from kennfeld.measurement.reader import read
@@ -210,20 +209,21 @@ def _key(source: Source, channels: Sequence[str] | None, raster: float | None) -
     """What is read of a file, and by which reader."""
     asked = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
-    said = [__version__, _readers(), source.kind.value, source.sheet, asked, step]
+    said = [_readers(), source.kind.value, source.sheet, asked, step]
     return _hash(json.dumps(said).encode())
 
 
 @cache
-def _readers() -> list[list[int | str]]:
-    """The files that the readers are made of: where one of them is another, so may be what it reads."""
-    files = [*Path(__file__).parent.glob("*.py")]
+def _readers() -> list[Any]:
+    """What the readers are made of: their text, and the libraries installed. With another one, what is read may be."""
+    texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
+    libraries = []
     for library in ("asammdf", "python_calamine", "pandas", "h5py"):
-        with contextlib.suppress(ImportError, ValueError):
+        with contextlib.suppress(ImportError, ValueError, OSError):
             found = find_spec(library)
-            files += [Path(found.origin)] if found and found.origin else []
-    known = [(file, file.stat()) for file in files if file.is_file()]
-    return sorted([file.name, stat.st_size, stat.st_mtime_ns] for file, stat in known)
+            stat = Path(found.origin).stat() if found and found.origin else None
+            libraries.append([library, stat and stat.st_size, stat and stat.st_mtime_ns])
+    return [_hash(b"\0".join(texts)), libraries]
 
 
 def _digest() -> Any:
