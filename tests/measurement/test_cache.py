@@ -265,3 +265,28 @@ def test_a_small_text_file_is_not_kept(tmp_path):
     (tmp_path / "bench.csv").write_text(TEXT, encoding="utf-8")
     Cache(tmp_path / "cache").read(tmp_path / "bench.csv")
     assert not Path(tmp_path / "cache").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "raster"),
+    [
+        ("mdf/asammdf_test_batch.mf4", None),
+        ("mdf/asammdf_ASAP2_Demo_V171.mf4", 0.1),
+        ("mdf/css_17BD1DB7_00000170.MF4", None),
+        ("engine_steady/engine1_normalized.xlsx#data", None),
+        ("engine_transient/gengine1_m10.csv.gz", 0.2),
+        ("cascaded_tanks/dataBenchmark.csv", None),
+    ],
+)
+def test_real_recordings_come_back_bit_for_bit(kept, real, name, raster):
+    path, _, sheet = name.partition("#")
+    path = f"{real(path)}{'#' * bool(sheet)}{sheet}"
+    first, second = kept.cache.read(path, None, raster), kept.cache.read(path, None, raster)
+    assert kept.reads == 1
+    assert [(c.name, c.unit, c.description) for c in second.channels] == [
+        (c.name, c.unit, c.description) for c in first.channels
+    ]
+    for one, other in zip(first.channels, second.channels, strict=True):
+        assert one.values.tobytes() == other.values.tobytes()
+    assert (first.time is None) == (second.time is None)
+    assert first.time is None or first.time.tobytes() == second.time.tobytes()

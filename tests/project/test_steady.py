@@ -1,10 +1,14 @@
 """Recordings that are averaged to steady-state points."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import kennfeld as kf
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "engine_transient"
 LEVELS = (1000.0, 1500.0, 2500.0, 3000.0)
 
 
@@ -189,3 +193,40 @@ def test_a_channel_without_values_is_told(ridden):
     ridden.ride(Load=np.full(ridden.speed.size, np.nan))
     error = again(ridden, 'channel = "n"', 'channel = "Load"').errors()[0]
     assert "no sample that counts has Load" in error
+
+
+def test_a_shift_comes_first(ridden):
+    plain = points(ridden)["Torque"].values
+    again(ridden, "steady =", "shift = { Torque = 2.0 }\nsteady =")
+    shifted = points(ridden)["Torque"].values
+    assert shifted[1] < plain[1]
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the recordings of the engine are not at {REAL}")
+def test_real_drives_have_plateaus_within_their_bands(shop):
+    (shop.folder / "m.kf").write_text("y = M(speed, load)\n")
+    shop.toml = f"""
+[model]
+file = "m.kf"
+[[dataset]]
+files = ["{REAL.as_posix()}/gengine1_m1*.csv.gz"]
+where = "fuel_cutoff < 1"
+max_gap = 0.3
+steady = [{{ channel = "speed", window = 8, tolerance = 0.05 }}, {{ channel = "load", window = 5, tolerance = 0.1 }}]
+[[criterion]]
+node = "y"
+target = "T_exh_manifold"
+[parameters.M]
+x = {{ input = "speed", count = 5 }}
+y = {{ input = "load", count = 4 }}
+initial = 0.0
+"""
+    data = points(shop)
+    assert 40 < data.samples < 150
+    recorded = [kf.read(path) for path in sorted(REAL.glob("gengine1_m1*.csv.gz"))]
+    for name in ("speed", "load"):
+        low = min(np.nanmin(one[name].values) for one in recorded)
+        high = max(np.nanmax(one[name].values) for one in recorded)
+        assert low <= data[name].values.min() < data[name].values.max() <= high
+    [remark] = [f.what for f in shop.findings() if f.severity == "remark"]
+    assert remark.startswith(f"{data.samples} plateaus of ")
