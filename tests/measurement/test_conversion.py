@@ -13,8 +13,8 @@ from kennfeld.measurement.conversion import Conversion, compare, says_nothing
 SAME = [
     "rpm 1/min min-1 min^-1 U/min Upm rev/min RPM r/min min⁻¹ 1/Min",
     "deg ° Grad °KW °CA degree degCA °CrK deg_crk",
-    "°C degC Deg_C celsius C GradC",
-    "Nm N*m N.m nm N·m",
+    "°C degC Deg_C celsius C GradC ºC ˚C ℃",
+    "Nm N*m N.m nm N·m N⋅m",
     "mg/hub mg/stk mg/Hub mg/str mg/stroke mg/Inj",
     "% pct Prozent percent",
     "kg/h kg/hr kg/Std",

@@ -64,6 +64,8 @@ def test_a_unit_is_stated_where_the_file_has_none_or_a_wrong_one(shop):
         shop.toml = shop.toml.split("\n[units]")[0]
         shop.add('[units]\nn = "rad/s"')
         assert data(shop)["n"].values == pytest.approx(SPEED, rel=1e-12)
+        assert data(shop)["n"].unit == "rpm"
+        assert [f.severity for f in shop.findings()] == ["remark"]
 
 
 def test_a_dash_as_the_stated_unit_leaves_the_channel_alone(shop):
@@ -75,6 +77,12 @@ def test_a_dash_as_the_stated_unit_leaves_the_channel_alone(shop):
 def test_a_unit_stated_for_a_channel_that_nothing_uses_is_an_error(shop):
     error = shop.add('[units]\nTorqe = "Nm"').error()
     assert error == "kennfeld.toml [units] Torqe: nothing uses a channel Torqe. Did you mean Torque?"
+
+
+def test_a_function_that_cannot_be_read_leaves_stated_units_alone(shop):
+    shop.text = "y = (\n"
+    shop.change('Speed = "n"', 'Speed = "n"\n[units]\nn = "rad/s"')
+    assert not [error for error in shop.errors() if "[units]" in error]
 
 
 def test_a_unit_can_be_stated_for_a_calculated_channel(shop):

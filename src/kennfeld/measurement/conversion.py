@@ -96,7 +96,7 @@ _KELVIN = {  # 180 times the size of a degree, and 180 times what its 0 is: whol
     "degree_Fahrenheit": (100, 45_967),
 }
 _DIFFERENCE = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"}
-_SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−º˚⋅×", "0123456789--°°·*") | {ord("℃"): "°C", ord("℉"): "°F"}
 _FACTOR = re.compile(r"([^\W\d_]+|°[^\W\d_]*|%)(?:\^?([+-]?\d))?")
 _LONGEST = 40  # characters; what is longer is no unit
 
@@ -222,7 +222,7 @@ _PARTS = _words(_PART_WORDS)
 @cache
 def _parsed(text: str) -> _Unit:
     """The unit as names with exponents; a text that is no unit as a name of its own."""
-    plain = plain_unit(text).translate(_SUPERSCRIPT)
+    plain = plain_unit(text).translate(_PLAIN)
     folded = re.sub(r"[\s]", "", plain.casefold())
     found = None if len(plain) > _LONGEST else _WHOLE.get(folded) or _product(plain)
     return ((text, 1),) if found is None else found

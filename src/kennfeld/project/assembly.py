@@ -196,7 +196,8 @@ class _Assembling:
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
-        return Wanted(needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step())
+        complete = function is not None
+        return Wanted(needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step(), complete)
 
     def _units(self) -> dict[str, tuple[str, str]]:
         """The units that the function has for channels, those of its inputs before those of nodes with a target."""

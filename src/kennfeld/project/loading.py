@@ -30,7 +30,7 @@ class Wanted:
 
     Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
     `units` are those that the function has for channels, each with whose it is; `in_formulas` the channels that
-    criteria weigh their samples by.
+    criteria weigh their samples by. Where the function could not be read, they are not `complete`.
     """
 
     required: Mapping[str, str] = field(default_factory=dict)
@@ -39,6 +39,7 @@ class Wanted:
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     in_formulas: frozenset[str] = frozenset()
     step: float | None = None
+    complete: bool = True
 
 
 @dataclass
@@ -81,7 +82,9 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
             if entry.unknown_shifts:
                 loaded.unknown_shifts[made.name] = entry.unknown_shifts
             loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
-    findings += [*units.remarks(formulas), *check_stated(file, used)]
+    findings += units.remarks(formulas)
+    if wanted.complete:
+        findings += check_stated(file, used)
     return loaded
 
 
@@ -287,7 +290,8 @@ class _Loading:
                 what = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
                 self._keep([Finding(self.file.place(f"[calculated] {name}"), what, "Name the time channel `time`.")])
                 return None
-        dataset = self._chosen(restated(self.calculated.added(dataset, names, shift), self.file.units))
+        stated = {name: unit for name, unit in self.file.units.items() if name in self.calculated.graphs}
+        dataset = self._chosen(restated(self.calculated.added(dataset, names, shift), stated))
         if self.entry.steady:
             return self._steady(dataset)
         if self.wanted.step is not None:
