@@ -62,6 +62,8 @@ def test_blanks_in_a_unit_do_not_matter():
         ("mV", "V", 1.0, 0.001),
         ("°KW", "rad", 180.0, np.pi),
         ("%", "ppm", 1.0, 1e4),
+        ("‰", "%", 1.0, 0.1),
+        ("°KW/s", "rpm", 6.0, 1.0),
         ("g/kWh", "kg/kWh", 1.0, 1e-3),
         ("km/h", "m/s", 3.6, 1.0),
         ("l/min", "m3/h", 1.0, 0.06),
@@ -90,6 +92,12 @@ def test_units_of_other_quantities_contradict_each_other(pair):
 @pytest.mark.parametrize("unit", ["FSN", "ticks", "l/100km", "barg", "°", "__import__('os')", "9**9**9", "m^99", "((("])
 def test_what_is_no_known_unit_is_unknown(unit):
     assert compare(unit, "FSN2") == "unknown"
+
+
+@pytest.mark.parametrize("pair", ["dB %", "dBm W", "degRe K", "Np %", "dB/s %/s", "count %", "bit %"])
+def test_units_that_are_no_mere_factors_apart_are_left_alone(pair):
+    one, other = pair.split()
+    assert compare(one, other) == compare(other, one) == "unknown"
 
 
 @pytest.mark.parametrize("unit", ["", "-", "[-]", "1", "--", "none", " - "])

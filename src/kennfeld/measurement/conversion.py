@@ -47,7 +47,7 @@ millisecond: msec millisecond milliseconds
 microsecond: us µs μs usec
 minute: min minute minutes
 hour: h hr hour hours std
-degree: ° deg degree degrees
+degree: ° deg degree degrees °kw °ca °crk
 revolution: u rev umdr revolution revolutions
 stroke: stk hub hübe str stroke strokes inj
 degree_Celsius: °c degc
@@ -85,6 +85,7 @@ inHg: inhg
 inch_H2O_39F: inh2o
 percent: % pct
 ppm: ppm
+permille: ‰
 radian: rad
 lambda: λ lambda
 air_fuel_ratio: afr
@@ -97,7 +98,8 @@ _KELVIN = {  # 180 times the size of a degree, and 180 times what its 0 is: whol
 }
 _DIFFERENCE = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"}
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−º˚⋅×", "0123456789--°°·*") | {ord("℃"): "°C", ord("℉"): "°F"}
-_FACTOR = re.compile(r"([^\W\d_]+|°[^\W\d_]*|%)(?:\^?([+-]?\d))?")
+_FACTOR = re.compile(r"([^\W\d_]+|°[^\W\d_]*|[%‰])(?:\^?([+-]?\d))?")
+_SHARES = frozenset(("percent", "permille", "ppm"))  # the numbers among units; a bit or a count is no share
 _LONGEST = 40  # characters; what is longer is no unit
 
 
@@ -163,8 +165,19 @@ def _converted(one: _Unit, other: _Unit) -> Conversion | Kinship:
     source, target = dict(one), dict(other)
     if registry.get_dimensionality(source) != registry.get_dimensionality(target):
         return "contrary"
-    factor = _plain(float(registry.convert(1.0, registry.UnitsContainer(source), registry.UnitsContainer(target))))
-    return "same" if factor == 1.0 else Conversion(factor)
+    if not registry.get_dimensionality(source) and not {*source, *target} <= _SHARES:
+        return "unknown"
+    factor = _factor(registry, registry.UnitsContainer(source), registry.UnitsContainer(target))
+    return "unknown" if factor is None else "same" if factor == 1.0 else Conversion(factor)
+
+
+def _factor(registry: Any, source: Any, target: Any) -> float | None:
+    """What one `source` is in `target`; None where it is no mere factor, as for decibels and other temperatures."""
+    try:
+        none, one, two = (float(registry.convert(value, source, target)) for value in (0.0, 1.0, 2.0))
+    except Exception:  # of many kinds, such as the logarithm of 0
+        return None
+    return _plain(one) if none == 0.0 and math.isclose(two, 2 * one, rel_tol=1e-12) else None
 
 
 def _in_differences(*units: _Unit) -> list[_Unit]:
