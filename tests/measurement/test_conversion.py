@@ -82,7 +82,19 @@ def test_round_factors_are_exact():
 
 
 @pytest.mark.parametrize(
-    "pair", ["rpm Nm", "rpm Hz", "rpm 1/s", "mg/hub kg/h", "lambda AFR", "K rad", "bar V", "mg/cyc mg/stk"]
+    "pair",
+    [
+        "rpm Nm",
+        "rpm Hz",
+        "rpm 1/s",
+        "mg/hub kg/h",
+        "lambda AFR",
+        "K rad",
+        "bar V",
+        "mg/cyc mg/stk",
+        "deg %",
+        "deg/s 1/s",
+    ],
 )
 def test_units_of_other_quantities_contradict_each_other(pair):
     one, other = pair.split()

@@ -4,11 +4,11 @@ The spellings are those of engine measurement, English and German; what is no su
 of units, as it is written. Angles are a quantity of their own here, so that revolutions per minute are no frequency.
 """
 
-import logging
 import math
 import re
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from kennfeld.arrays import Float
@@ -203,16 +203,11 @@ def _registry() -> Any:
     """The registry of units, in which angles, strokes and air ratios are quantities of their own."""
     import pint
 
-    log = logging.getLogger("pint.util")
-    level = log.level
-    log.setLevel(logging.CRITICAL)  # it warns that radian is defined anew, which is meant
-    try:
-        registry: Any = pint.UnitRegistry(cache_folder=None)
-        registry.define("radian = [angle] = rad")
-        for name in _OWN:
-            registry.define(f"{name} = [{name}]")
-    finally:
-        log.setLevel(level)
+    registry: Any = pint.UnitRegistry(None, on_redefinition="ignore")  # empty: a full one knows already that 1 rad is 1
+    registry.load_definitions(Path(pint.__file__).with_name("default_en.txt"))
+    registry.define("radian = [angle] = rad")
+    for name in _OWN:
+        registry.define(f"{name} = [{name}]")
     return registry
 
 
