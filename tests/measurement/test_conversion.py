@@ -26,6 +26,7 @@ SAME = [
     "W/(m²*K) W/m²/K",
     "lambda λ Lambda",
     "V Volt v",
+    "V*K/°C V*°C/K V",
     "K kelvin k",
 ]
 

@@ -6,6 +6,7 @@ of units, as it is written. Angles are a quantity of their own here, so that rev
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -161,8 +162,7 @@ def _converted(one: _Unit, other: _Unit) -> Conversion | Kinship:
     registry = _registry()
     if not all(_is_known(registry, name) for name, _ in (*one, *other)):
         return "unknown"
-    one, other = _in_differences(one, other)
-    source, target = dict(one), dict(other)
+    source, target = dict(_in_differences(one)), dict(_in_differences(other))
     if registry.get_dimensionality(source) != registry.get_dimensionality(target):
         return "contrary"
     if not registry.get_dimensionality(source) and not {*source, *target} <= _SHARES:
@@ -180,9 +180,17 @@ def _factor(registry: Any, source: Any, target: Any) -> float | None:
     return _plain(one) if none == 0.0 and math.isclose(two, 2 * one, rel_tol=1e-12) else None
 
 
-def _in_differences(*units: _Unit) -> list[_Unit]:
-    """Temperatures that differ from those with a zero of their own: no offset is left to convert."""
-    return [tuple((_DIFFERENCE.get(name, name), exponent) for name, exponent in unit) for unit in units]
+def _in_differences(unit: _Unit) -> _Unit:
+    """The unit with differences of temperatures, which have no zero of their own, so that factors suffice."""
+    return _collected((_DIFFERENCE.get(name, name), exponent) for name, exponent in unit)
+
+
+def _collected(factors: Iterable[tuple[str, int]]) -> _Unit:
+    """Each name once, those that cancel out left out."""
+    exponents: dict[str, int] = {}
+    for name, exponent in factors:
+        exponents[name] = exponents.get(name, 0) + exponent
+    return tuple(sorted((name, exponent) for name, exponent in exponents.items() if exponent))
 
 
 def _plain(number: float) -> float:
@@ -238,7 +246,7 @@ def _parsed(text: str) -> _Unit:
 
 def _product(text: str) -> _Unit | None:
     """Factors between `*`, `.` and blanks, and divisors behind `/`, which may stand in brackets; None if it is none."""
-    exponents: dict[str, int] = {}
+    factors: list[tuple[str, int]] = []
     sign, inside = 1, False
     for part in re.findall(r"[/()]|[^/()*·.\s]+", text):
         if part == "/":
@@ -251,11 +259,11 @@ def _product(text: str) -> _Unit | None:
             factor = _FACTOR.fullmatch(part)
             if factor is None:
                 return None
-            for name, exponent in _named(factor[1]):
-                exponents[name] = exponents.get(name, 0) + sign * int(factor[2] or 1) * exponent
+            power = sign * int(factor[2] or 1)
+            factors += [(name, power * exponent) for name, exponent in _named(factor[1])]
             sign = sign if inside else 1
-    unit = tuple(sorted((name, exponent) for name, exponent in exponents.items() if exponent))
-    return (unit if len(unit) == 1 and unit[0][1] == 1 else _in_differences(unit)[0]) or None
+    unit = _collected(factors)
+    return (unit if len(unit) == 1 and unit[0][1] == 1 else _in_differences(unit)) or None
 
 
 def _named(word: str) -> _Unit:
