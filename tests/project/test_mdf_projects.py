@@ -110,4 +110,5 @@ def test_a_second_run_loads_no_library_that_reads_files(project, tmp_path):
     code = "import sys; from kennfeld.project import Project\n"
     code += f"assert Project.read({str(tmp_path / 'kennfeld.toml')!r}).problem()\n"
     code += "assert not {'asammdf', 'pandas'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
