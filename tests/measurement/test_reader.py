@@ -20,7 +20,7 @@ def test_the_face_is_pinned():
     [
         (b"MDF     4.10    ", "the MDF file is cut off"),
         (b"UnFinMF 4.10    ", "the MDF file is cut off"),
-        (b"MLVLG\0\0\1", "an MLG"),
+        (b"MLVLG\0\0\1", "the MLG file is damaged or cut off"),
         (b"MATLAB 5.0 MAT-file", "a MATLAB data file"),
         (b"\x89HDF\r\n\x1a\n", "an HDF5"),
         (b"%PDF-1.7", "a PDF file"),

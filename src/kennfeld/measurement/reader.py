@@ -18,7 +18,7 @@ from kennfeld.measurement.sniff import Kind, Source, locate
 __all__ = ["describe", "read"]
 
 # a format more is a module more: one that offers read_tables(source, selection)
-_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet", Kind.MDF: "mdf"}
+_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet", Kind.MDF: "mdf", Kind.MLG: "mlg"}
 _RASTERS = {Kind.MDF}  # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
 
 

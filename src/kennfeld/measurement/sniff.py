@@ -18,7 +18,7 @@ class Kind(Enum):
     EXCEL = "Excel"
     PARQUET = "Parquet"
     MDF = "MDF"
-    MLG = "MLG (TunerStudio log)"
+    MLG = "MLG"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5 (or MATLAB 7.3 data)"
     MODEL = "Simulink model"
