@@ -154,10 +154,16 @@ def test_a_log_that_ends_within_a_record_keeps_the_whole_ones(log):
     assert details(path)["cut off"] == "the last record lacks its end (7 bytes are there)"
 
 
-def test_time_that_goes_back_names_the_record(log):
+def test_time_that_starts_anew_begins_a_piece(log):
     fields = [TIME, RPM]
-    with pytest.raises(InputError, match=r"run.mlg record 3, column Time: time goes backwards, from 1 s to 0 s"):
-        read(log(mlg(fields, rows(fields, (0.0, 1), (1.0, 2), (0.0, 3)))))
+    path = log(mlg(fields, rows(fields, (5.0, 0), (6.0, 10), (0.0, 3), (1.0, 4), (2.0, 5))))
+    data = read(path)
+    assert data.starts.tolist() == [0, 2]
+    assert data.time.tolist() == [5, 6, 0, 1, 2]
+    assert details(path)["pieces"] == "2, for its time starts anew"
+    even = read(path, ["RPM"], raster=0.5)
+    assert even.starts.tolist() == [0, 3]
+    assert even["RPM"].values.tolist() == [0, 5, 10, 3, 3.5, 4, 4.5, 5]
 
 
 def test_the_information_is_told(log):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.measurement.columns import Column, Table
-from kennfeld.measurement.timing import find_time, seconds
+from kennfeld.measurement.timing import find_time, pieces, seconds
 
 __all__ = ["ChannelDescription", "Description", "TableDescription", "TimeDescription", "described"]
 
@@ -67,6 +67,8 @@ def described(table: Table) -> TableDescription:
     kept = {c.name for c in channels}
     details = dict(table.details)
     group = details.pop("group", "")
+    if time is not None and (parts := len(pieces(table, seconds(time)))) > 1:
+        details["pieces"] = f"{parts}, for its time starts anew"
     return TableDescription(
         details.get("sheet", group),
         int(table.rows.size),

@@ -171,6 +171,7 @@ def _table(place: str, head: Head, header: Header, columns: Sequence[Column], bl
         "record",
         header.names if named else (clock.name, *header.names),
         details=(*_details(head), *marks_detail(marks, blocks.mark_count), *_losses(blocks, good, named is None)),
+        restarts=True,
         clock=kept[0 if named is None else next(i for i, c in enumerate(columns) if c is named)],
     )
 
