@@ -299,7 +299,7 @@ def test_clean_files_read_at_once_are_as_read_line_by_line(csv, monkeypatch, sep
 
 def read_clean_of(path):
     source = locate(path)
-    return clean.read_clean(source, text._dialect(source), Selection())
+    return clean.read_clean(source, text.dialect_of(source), Selection())
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000", "inf", '"1"'])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from kennfeld.errors import InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.header import Header, find_header
+from kennfeld.measurement.marks import is_mark
 
 __all__ = ["Dialect", "encoding_of", "find_dialect", "is_comment", "split"]
 
@@ -27,6 +28,7 @@ class Dialect:
     decimal: Decimal
     decimal_seen: bool  # whether a number with that mark was met
     header: Header
+    repeated: frozenset[str] = frozenset()  # lines that are no rows wherever they stand: names and units once more
 
     @property
     def details(self) -> tuple[tuple[str, str], ...]:
@@ -91,7 +93,7 @@ def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
     for separator in _SEPARATORS:
         if separator != ALONE and not any(separator in line for line in lines):
             continue
-        rows = [[] if is_comment(line) else split(line, separator) for line in lines]
+        rows = [[] if is_comment(line) or is_mark(line, separator) else split(line, separator) for line in lines]
         for decimal in _decimals(separator, lines):
             scored = _scored(rows, separator, decimal, encoding, lines)
             if scored is not None and (best is None or scored[0] > best[0]):
@@ -126,7 +128,8 @@ def _scored(
     header = find_header(rows, decimal) or _commented_header(rows, separator, decimal, lines)
     if header is None:
         return None
-    data = [row for row in rows[header.data :] if any(cell.strip() for cell in row)]
+    above = rows[: header.data]  # which a log that was restarted repeats
+    data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
     found = [[None if not cell.strip() else number(cell, decimal) for cell in row] for row in data]
     numeric = {i for values in found for i, value in enumerate(values) if value is not None}
     score, seen = 0, False

@@ -1,10 +1,22 @@
 """Markers that somebody set, or the logger, while it recorded."""
 
+import re
 from collections.abc import Sequence
 
-__all__ = ["KEPT", "marks_detail"]
+__all__ = ["KEPT", "is_mark", "marks_detail"]
 
 KEPT = 12  # markers that a description quotes
+
+_MARK = re.compile(r'\s*"?MARK\s+\d+\b')
+
+
+def is_mark(line: str, separator: str) -> bool:
+    r"""Whether a line of a text log is a marker, as TunerStudio writes them among the rows.
+
+    >>> is_mark("MARK 003 - Manual - Sun Aug 16", "\t"), is_mark("MARK 003\t1\t2", "\t")
+    (True, False)
+    """
+    return _MARK.match(line) is not None and (separator == " " or separator not in line)
 
 
 def marks_detail(marks: Sequence[tuple[float | None, str]], count: int) -> tuple[tuple[str, str], ...]:

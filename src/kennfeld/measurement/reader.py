@@ -18,8 +18,18 @@ from kennfeld.measurement.sniff import Kind, Source, locate
 __all__ = ["describe", "read"]
 
 # a format more is a module more: one that offers read_tables(source, selection)
-_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet", Kind.MDF: "mdf", Kind.MLG: "mlg"}
-_RASTERS = {Kind.MDF}  # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
+_READERS = {
+    Kind.CSV: "text",
+    Kind.EXCEL: "excel",
+    Kind.PARQUET: "parquet",
+    Kind.MDF: "mdf",
+    Kind.MLG: "mlg",
+    Kind.MSL: "msl",
+    Kind.HPTUNERS: "hptuners",
+}
+_TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS}  # kinds that may be packed by gzip
+# kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
+_RASTERS = {Kind.MDF, Kind.HPTUNERS}
 
 
 def read(
@@ -29,7 +39,7 @@ def read(
     *,
     sheet: str | None = None,
 ) -> Dataset:
-    """The measurement in a file: CSV, Excel, Parquet or MDF, told by its content.
+    """The measurement in a file: CSV, Excel, Parquet, MDF or a log of a tuning tool, told by its content.
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
     Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
@@ -94,8 +104,8 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     source = _guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
-        raise InputError.of(source.name, what, "CSV, Excel (xlsx, xls, ods), Parquet and MDF files can.")
-    if source.packed and source.kind is not Kind.CSV:
+        raise InputError.of(source.name, what, "CSV, Excel, Parquet, MDF, MLG, MSL and HP Tuners files can.")
+    if source.packed and source.kind not in _TEXT:
         raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not Kind.EXCEL:
         what = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
@@ -104,7 +114,7 @@ def _located(path: str | Path, sheet: str | None) -> Source:
 
 
 def _article(kind: str) -> str:
-    spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "HTML", "HDF", "FMU", "XML"))
+    spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML"))
     return f"{'an' if spoken else 'a'} {kind}"
 
 

@@ -19,6 +19,8 @@ class Kind(Enum):
     PARQUET = "Parquet"
     MDF = "MDF"
     MLG = "MLG"
+    MSL = "MSL"
+    HPTUNERS = "HP Tuners"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5 (or MATLAB 7.3 data)"
     MODEL = "Simulink model"
@@ -55,6 +57,7 @@ _WORDS = (
     (b"calibration values v", Kind.CVX),
     (b"asap2_version", Kind.A2L),
     (b"konservierung_format", Kind.DCM),
+    (b"hp tuners csv log file", Kind.HPTUNERS),
     (b"{", Kind.JSON),
 )
 _BOMS = (b"\xff\xfe", b"\xfe\xff")
@@ -146,7 +149,16 @@ def _kind(start: bytes) -> Kind:
     for word, kind in _WORDS:
         if words.startswith(word):
             return kind
-    return Kind.DCM if b"\nkonservierung_format" in words.replace(b"\r", b"\n") else Kind.CSV
+    if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
+        return Kind.DCM
+    return Kind.MSL if _is_log(words) else Kind.CSV
+
+
+def _is_log(words: bytes) -> bool:
+    """Whether lines of information in quotes stand above names that begin with the time, with tabs between them."""
+    lines = words.splitlines()
+    quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
+    return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
 
 
 def _zip_kind(file: Path) -> Kind:
