@@ -23,13 +23,15 @@ _READERS = {
     Kind.EXCEL: "excel",
     Kind.PARQUET: "parquet",
     Kind.MDF: "mdf",
+    Kind.MATLAB: "matlab",
+    Kind.HDF5: "matlab",
     Kind.MLG: "mlg",
     Kind.MSL: "msl",
     Kind.HPTUNERS: "hptuners",
 }
 _TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS}  # kinds that may be packed by gzip
 # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
-_RASTERS = {Kind.MDF, Kind.HPTUNERS}
+_RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
 
 
 def read(
@@ -39,7 +41,7 @@ def read(
     *,
     sheet: str | None = None,
 ) -> Dataset:
-    """The measurement in a file: CSV, Excel, Parquet, MDF or a log of a tuning tool, told by its content.
+    """The measurement in a file: CSV, Excel, Parquet, MDF, MATLAB or a log of a tuning tool, told by its content.
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
     Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
@@ -104,7 +106,7 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     source = _guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
-        raise InputError.of(source.name, what, "CSV, Excel, Parquet, MDF, MLG, MSL and HP Tuners files can.")
+        raise InputError.of(source.name, what, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL and HP Tuners files can.")
     if source.packed and source.kind not in _TEXT:
         raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not Kind.EXCEL:
