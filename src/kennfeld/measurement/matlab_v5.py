@@ -74,9 +74,10 @@ def _inflated(packed: memoryview, at: int, order: str) -> tuple[int, memoryview]
         if claimed > min(PACKING * (len(packed) + 8), MOST_BYTES):
             raise DamageError(f"the element at byte {at} claims {claimed} bytes of {len(packed)} packed ones")
         found = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
+        unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
     except (zlib.error, struct.error):
         raise DamageError(f"the packed element at byte {at} is garbled") from None
-    if len(found) < claimed:
+    if len(found) < claimed or not unpacker.eof:
         raise DamageError(f"the packed element at byte {at} is cut off")
     return kind, memoryview(found)
 
