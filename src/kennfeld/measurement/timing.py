@@ -34,7 +34,8 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
         clock = column.dated or (in_seconds(column.unit) is not None and column.name not in asked)
         if column.name == first and clock and _is_usable(column) and _rises(column.values):
             return column
-    return None
+    dates = (column for column in table.columns if column.dated and column.name not in asked)
+    return next((column for column in dates if _is_usable(column) and _rises(column.values)), None)
 
 
 def _is_usable(column: Column) -> bool:
@@ -57,7 +58,10 @@ def seconds(column: Column) -> Float:
     array([0.  , 0.01])
     """
     factor, divisor = in_seconds(time_unit(column.name, column.unit) or column.unit) or (1.0, 1.0)
-    elapsed: Float = column.values - column.values[0] if column.dated else column.values * factor / divisor
+    if column.dated:
+        # a difference of two large numbers; nobody stamps finer than that
+        return np.asarray(np.round(column.values - column.values[0], 9))
+    elapsed: Float = column.values * factor / divisor
     return elapsed
 
 
