@@ -14,6 +14,7 @@ from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
 from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, locate
+from kennfeld.measurement.timelines import timelines
 
 __all__ = ["describe", "read"]
 
@@ -67,7 +68,10 @@ def read(
     tables = _tables(source, selection)
     if source.kind in _RASTERS:
         return join(source.name, tables, source.stem, selection, raster)
-    return assemble(_only(source, tables), source.stem, selection, raster)
+    parts = timelines(_only(source, tables), selection)
+    if len(parts) > 1:
+        return join(source.name, parts, source.stem, selection, raster)
+    return assemble(parts[0], source.stem, selection, raster)
 
 
 def describe(path: str | Path) -> Description:
@@ -86,7 +90,8 @@ def describe(path: str | Path) -> Description:
     findings = [finding for table in tables for finding in table.findings]
     if findings:
         raise InputError(findings)
-    return Description(source.name, source.kind.value, tuple(described(table) for table in tables))
+    parts = [part for table in tables for part in timelines(table, Selection())]
+    return Description(source.name, source.kind.value, tuple(described(part) for part in parts))
 
 
 _T = TypeVar("_T")
