@@ -10,6 +10,7 @@ from kennfeld.errors import InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.marks import is_mark
+from kennfeld.measurement.units import looks_like_unit
 
 __all__ = ["Dialect", "encoding_of", "find_dialect", "is_comment", "split"]
 
@@ -144,11 +145,15 @@ def _scored(
 def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:
     """Names that stand in a comment right above the numbers, as numpy writes them."""
     first = next((i for i, row in enumerate(rows) if any(cell.strip() for cell in row)), 0)
-    above = first - 1
-    if above < 0 or not is_comment(lines[above]):
-        return None
-    bare = lines[above].strip().lstrip("#%/").strip()
-    return find_header([*([] for _ in range(above)), split(bare, separator), *rows[first:]], decimal)
+    begin = first
+    while begin > max(first - 3, 0) and is_comment(lines[begin - 1]):
+        begin -= 1
+    above = [split(line.strip().lstrip("#%/").strip(), separator) for line in lines[begin:first]]
+    for k in range(len(above) - 1, -1, -1):  # units may stand below the names, in a comment as well
+        found = find_header([*([] for _ in range(begin + k)), *above[k:], *rows[first:]], decimal)
+        if found is not None and (k == 0 or not all(map(looks_like_unit, above[k]))):
+            return found
+    return None
 
 
 def _no_table(place: str, lines: Sequence[str]) -> InputError:
