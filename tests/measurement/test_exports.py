@@ -60,6 +60,11 @@ def test_one_time_told_twice_stays_one(csv):
     assert columns(data) == {"time_ms": ("", [0, 100, 200]), "n": ("", [800, 801, 802])}
 
 
+def test_a_time_that_every_channel_repeats_needs_no_raster(csv):
+    data = read(csv("time;n;time;T\n0,0;800;0,0;90\n0,1;801;0,1;91\n"))
+    assert columns(data) == {"n": ("", [800, 801]), "T": ("", [90, 91])}
+
+
 def test_a_value_without_the_time_of_its_group_is_a_finding(csv):
     with pytest.raises(InputError, match=r"bench.csv line 4, column time: the time stamp is missing"):
         read(csv("time;n;time;T\n0,0;800;0,0;90\n0,1;801;0,2;94\n0,2;802;;95\n"), ["T"])

@@ -37,7 +37,7 @@ class Selection:
         return self.channels is None or name in self.channels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column:
     """One column: its numbers, NaN where a cell is empty, and the text cells it holds (sample, cell)."""
 

@@ -29,8 +29,9 @@ _READERS = {
     Kind.MLG: "mlg",
     Kind.MSL: "msl",
     Kind.HPTUNERS: "hptuners",
+    Kind.LVM: "lvm",
 }
-_TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS}  # kinds that may be packed by gzip
+_TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS, Kind.LVM}  # kinds that may be packed by gzip
 # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
 _RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
 
@@ -111,7 +112,9 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     source = _guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
-        raise InputError.of(source.name, what, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL and HP Tuners files can.")
+        raise InputError.of(
+            source.name, what, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
+        )
     if source.packed and source.kind not in _TEXT:
         raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not Kind.EXCEL:

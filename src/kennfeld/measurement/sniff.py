@@ -22,6 +22,7 @@ class Kind(Enum):
     MLG = "MLG"
     MSL = "MSL"
     HPTUNERS = "HP Tuners"
+    LVM = "LabVIEW"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5"
     MODEL = "Simulink model"
@@ -60,6 +61,7 @@ _WORDS = (
     (b"asap2_version", Kind.A2L),
     (b"konservierung_format", Kind.DCM),
     (b"hp tuners csv log file", Kind.HPTUNERS),
+    (b"labview measurement", Kind.LVM),
     (b"{", Kind.JSON),
 )
 _BOMS = (b"\xff\xfe", b"\xfe\xff")

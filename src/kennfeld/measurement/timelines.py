@@ -20,8 +20,10 @@ __all__ = ["timelines"]
 def timelines(table: Table, selection: Selection) -> list[Table]:
     """A table for each column of time that has channels asked for; the table itself where there is but one time."""
     clocks = [k for k, column in enumerate(table.columns) if _may_be_clock(column, selection)]
-    if len(clocks) < 2 or clocks[0] != 0 or not _differ([table.columns[k] for k in clocks]):
+    if len(clocks) < 2 or clocks[0] != 0:
         return [table]
+    if not _differ([table.columns[k] for k in clocks]):
+        return [_without_copies(table, clocks)]
     ends = [*clocks[1:], len(table.columns)]
     groups = [(table.columns[k], table.columns[k + 1 : end]) for k, end in zip(clocks, ends, strict=True)]
     groups = [group for group in groups if group[1]]
@@ -35,6 +37,13 @@ def timelines(table: Table, selection: Selection) -> list[Table]:
 def _groups(names: Sequence[str], clocks: set[str]) -> int:
     """How many of the times have channels behind them, those included that were not read."""
     return sum(name not in clocks and before in clocks for before, name in pairwise(name for name in names if name))
+
+
+def _without_copies(table: Table, clocks: Sequence[int]) -> Table:
+    """The table with one of the columns of time that are called the same and tell the same."""
+    first = table.columns[0].name
+    copies = {k for k in clocks[1:] if table.columns[k].name == first}
+    return replace(table, columns=tuple(c for k, c in enumerate(table.columns) if k not in copies))
 
 
 def _may_be_clock(column: Column, selection: Selection) -> bool:
