@@ -12,13 +12,16 @@ from kennfeld.errors import InputError, nearest
 from kennfeld.measurement.cells import is_missing
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table
 from kennfeld.measurement.header import Header, find_header
+from kennfeld.measurement.panic import panics
 from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.xlsb import check_end, extent_of
 
 __all__ = ["column_letters", "read_tables"]
 
 _HEAD_ROWS = 200
 _CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
-_SHEET = re.compile(r"xl/worksheets/.*\.xml")
+_SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)")
+_BINARY = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
 _FAR = re.compile(rb'<c r="([A-Z]{2,3})[0-9]')
 _ROW = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{1,7})"')
 
@@ -44,6 +47,8 @@ def _check_size(source: Source) -> None:
         return
     try:
         with zipfile.ZipFile(source.path) as archive:
+            if "xl/workbook.bin" in archive.namelist():
+                check_end(archive.read("xl/workbook.bin"))
             sheets = [m for m in archive.infolist() if _SHEET.fullmatch(m.filename)]
             extents = [(sheet.filename, *_extent(archive, sheet)) for sheet in sheets]
     except _damage() as error:
@@ -55,6 +60,8 @@ def _check_size(source: Source) -> None:
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:
+    if member.filename.endswith(".bin"):
+        return (_CELLS, 2) if member.file_size > _BINARY else extent_of(archive.read(member))
     width, height, tail = 26, 1, b""
     with archive.open(member) as stream:
         while chunk := stream.read(1 << 20):
@@ -78,7 +85,8 @@ def _workbook(source: Source, stream: Any) -> Any:
     import python_calamine
 
     try:
-        return python_calamine.CalamineWorkbook.from_filelike(stream)
+        with panics():
+            return python_calamine.CalamineWorkbook.from_filelike(stream)
     except python_calamine.PasswordError:
         raise InputError.of(source.name, "the workbook is protected by a password", "Save it without one.") from None
     except _damage() as error:
@@ -113,7 +121,8 @@ def _grid(source: Source, book: Any, name: str) -> list[list[object]]:
     import python_calamine
 
     try:
-        grid: list[list[object]] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+        with panics():
+            grid: list[list[object]] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
     except python_calamine.WorksheetNotFound:
         return []  # a chart
     except _damage() as error:
