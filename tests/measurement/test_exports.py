@@ -1,5 +1,8 @@
 """Text files as the tools of the field write them, byte by byte."""
 
+import contextlib
+import random
+
 import numpy as np
 import pytest
 
@@ -117,3 +120,29 @@ def test_numbers_with_points_for_thousands_are_read_beside_a_decimal_comma(csv):
 def test_quoted_numbers_and_exponents_with_a_decimal_comma_are_read(csv):
     data = read(csv('"time";"x"\n"0,0";"1,5E-03"\n"0,1";"-2,5e+02"\n"0,2";""\n'))
     np.testing.assert_array_equal(data["x"].values, [0.0015, -250, np.nan])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        MULTI,
+        'ETASAsciiItemFile\trecord\tCrLf\tTab\nsampleCount\t9\ntime\tn\tB\nf8\tf4\tu1\n"s"\t"rpm"\t"-"\n'
+        + "".join(f"0.{k}\t80{k}\t1\n" for k in range(9)),
+        "Datum;Uhrzeit;n\n" + "".join(f"01.02.2020;12:00:0{k},5;1.01{k},5\n" for k in range(9)),
+    ],
+)
+def test_mutated_exports_give_data_or_findings(csv, text):
+    chance = random.Random(26)
+    content = text.encode("cp1252")
+    for _ in range(300):
+        changed = bytearray(content)
+        for _ in range(chance.randint(1, 5)):
+            changed[chance.randrange(len(changed))] = chance.choice(
+                [0, 9, 10, 34, 44, 46, 59, 255, chance.randrange(256)]
+            )
+        if chance.random() < 0.3:
+            del changed[chance.randrange(len(changed)) :]
+        path = csv(bytes(changed))
+        with contextlib.suppress(InputError):
+            assert read(path, raster=0.05).samples
+            describe(path)
