@@ -16,6 +16,7 @@ TOPICS = {
     "states": "benchmarks.states",
     "compile": "benchmarks.compiling",
     "startup": "benchmarks.startup",
+    "files": "benchmarks.files",
     "nist": "benchmarks.nist",
     "sets": "benchmarks.sets",
 }

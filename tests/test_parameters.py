@@ -353,3 +353,36 @@ def test_a_later_text_replaces_a_number_of_its_name_and_the_other_way_round():
     number, text = ParameterSet([Scalar("K", 1)]), ParameterSet(texts=[Text("K", "a")])
     assert number.merged(text) == text
     assert text.merged(number) == number
+
+
+def with_variants():
+    first, second = (Scalar("K", value, variant=f"Engine={value}") for value in (1, 2))
+    return ParameterSet([first, Scalar("L", 3)], [Text("T", "a")], others=[second, Text("T", "b", variant="Engine=2")])
+
+
+def test_a_variant_is_chosen_for_all_labels_that_have_it():
+    chosen = with_variants().in_variant("Engine=2")
+    assert (chosen["K"].value, chosen["L"].value, chosen.texts[0].text) == (2, 3, "b")
+    assert chosen.everything == with_variants().everything
+    assert sorted(chosen.variants) == ["Engine=1", "Engine=2"]
+
+
+def test_an_unknown_variant_is_refused_with_those_that_there_are():
+    with pytest.raises(ArgumentError, match=r"no parameter has the variant 'Engine=3'.*Engine=1, Engine=2"):
+        with_variants().in_variant("Engine=3")
+
+
+def test_new_values_without_a_variant_replace_those_that_count():
+    merged = with_variants().with_parameters(Scalar("K", 7))
+    assert (merged["K"].value, merged["K"].variant) == (7, "Engine=1")
+    assert [thing.variant for thing in merged.others] == ["Engine=2", "Engine=2"]
+
+
+def test_one_variant_of_a_label_cannot_be_given_twice():
+    with pytest.raises(ArgumentError, match="K is given twice in the variant ''"):
+        ParameterSet([Scalar("K", 1)], others=[Scalar("K", 2)])
+
+
+def test_leaving_names_out_leaves_all_their_variants_out():
+    assert [thing.name for thing in with_variants().without(["K"]).everything.values()] == ["L", "T", "T"]
+    assert list(with_variants().select(["K"]).everything) == [("K", "Engine=1"), ("K", "Engine=2")]

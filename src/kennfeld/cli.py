@@ -393,7 +393,7 @@ def convert(
 
     [parameters], remarks = calfiles.read_several([source])
     complain(*remarks)
-    calfiles.write(parameters, target)
+    complain(*calfiles.write(parameters, target))
     say(f"Written to {target}")
     return DONE
 
@@ -452,6 +452,6 @@ def merge(
     sets, remarks = calfiles.read_several(sources)
     complain(*remarks)
     merged = calfiles.merge(list(zip(labels(sources), sets, strict=True)))
-    calfiles.write(merged.parameters, target)
+    complain(*calfiles.write(merged.parameters, target))
     say(*changed(merged.changes), "", f"Written to {target}")
     return DONE

@@ -112,3 +112,22 @@ def test_kinds_sizes_units_axes_and_texts():
     texts = [ParameterSet((), [Text("T", text)]) for text in "ab"]
     assert differences(*texts) == (Difference("T", "text", "a", "b"),)
     assert differences(texts[0], Scalar("T", 1)) == (Difference("T", "kind", "text", "scalar"),)
+
+
+def test_variants_are_compared_each_with_its_own():
+    left = ParameterSet([Scalar("K", 1, variant="E=1")], others=[Scalar("K", 2, variant="E=2")])
+    right = ParameterSet([Scalar("K", 2, variant="E=2")], others=[Scalar("K", 1.5, variant="E=1")])
+    [found] = compare(left, right).differences
+    assert (found.name, found.left, found.right) == ("K (E=1)", "1.0", "1.5")
+
+
+def test_a_file_without_variants_is_compared_with_what_counts_in_the_other():
+    left = ParameterSet([Scalar("K", 1)])
+    right = ParameterSet([Scalar("K", 1, variant="E=1")], others=[Scalar("K", 2, variant="E=2")])
+    [found] = compare(left, right).differences
+    assert (found.name, found.aspect) == ("K (E=2)", "presence")
+
+
+def test_a_difference_names_the_function_that_uses_the_label():
+    left, right = (ParameterSet([Scalar("K", value, functions=["F", "G"])]) for value in (1, 2))
+    assert compare(left, right).differences[0].as_json["function"] == "F"

@@ -118,15 +118,32 @@ def test_an_unknown_kind_of_block_is_left_aside_with_a_remark(dcm):
     assert "QUADER is no known keyword" in str(describe(path).remarks[0])
 
 
-def test_the_first_of_several_variants_counts(dcm):
-    path = dcm("FESTWERT K\n VAR Car=A\n WERT 1\nEND\nFESTWERT K\n VAR Car=B\n WERT 2\nEND")
-    assert read(path)["K"].value == 1
-    assert "another variant (Car=B)" in str(describe(path).remarks[0])
+def test_the_first_of_several_variants_counts_and_the_others_are_kept(dcm):
+    path = dcm("FESTWERT K\n VAR Car=A\n WERT 1\nEND\nFESTWERT K\n VAR Car = B , Gear=2\n WERT 2\nEND")
+    parameters = read(path)
+    assert (parameters["K"].value, parameters["K"].variant) == (1, "Car=A")
+    assert parameters.variants == ("Car=A", "Car=B,Gear=2")
+    assert parameters.in_variant("Car=B,Gear=2")["K"].value == 2
+    assert describe(path).remarks == ()
 
 
-def test_the_value_of_a_variant_is_left_aside_with_a_remark(dcm):
-    path = dcm("FESTWERT K\n WERT 1\n VAR A=2\nEND")
-    assert "variant A=2" in str(describe(path).remarks[0])
+def test_the_values_of_variants_below_a_value_are_kept(dcm):
+    path = dcm('FESTWERT K\n WERT 1\n VAR A=2,B=3\nEND\nTEXTSTRING T\n TEXT "a, b"\n VAR A="c, d"\nEND')
+    parameters = read(path)
+    assert (parameters["K"].value, parameters.in_variant("B")["K"].value) == (1, 3)
+    assert [text.text for text in parameters.in_variant("A").texts] == ["c, d"]
+    assert parameters.in_variant("B").texts == parameters.texts
+
+
+def test_a_criterion_below_a_value_is_told_by_the_variant_coding(dcm):
+    head = "VARIANTENKODIERUNG\n KRITERIUM Engine 1 2\nEND\n"
+    path = dcm(head + "".join(f"FESTWERT K\n WERT {value}\n VAR Engine={value}\nEND\n" for value in (1, 2)))
+    assert read(path).variants == ("Engine=1", "Engine=2")
+
+
+def test_functions_and_the_short_name_are_read(dcm):
+    member = read(dcm('FESTWERT K\n FUNKTION F1 "F 2"\n FUNKTION F1\n DISPLAYNAME k\n WERT 1\nEND'))["K"]
+    assert (member.functions, member.display_name) == (("F1", "F 2"), "k")
 
 
 def test_the_same_block_twice_is_one(dcm):

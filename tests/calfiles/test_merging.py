@@ -61,3 +61,11 @@ def test_a_table_that_stays_keeps_its_group_axis(new):
 def test_a_group_axis_without_a_table_is_replaced():
     merged = merge([("old", ParameterSet((), (), [SLOW])), ("new", ParameterSet((), (), [FAST]))])
     assert merged.parameters.axes == (FAST,)
+
+
+def test_a_variant_is_replaced_by_its_own_and_the_others_stay():
+    old = ParameterSet([Scalar("K", 1, variant="E=1")], others=[Scalar("K", 2, variant="E=2")])
+    new = ParameterSet([Scalar("K", 3, variant="E=2")])
+    merged = merge([("old", old), ("new", new)])
+    assert (merged.parameters["K"].value, merged.parameters.variants) == (3, ("E=2", "E=1"))
+    assert [one.largest for one in merged.changes[0].differences] == [2.0]

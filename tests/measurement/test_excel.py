@@ -64,6 +64,21 @@ def test_one_stray_cell_far_away_does_not_fill_the_memory(xlsx):
         read(xlsx(Data=cells))
 
 
+@pytest.mark.parametrize(
+    ("far", "span"), [("B1000000000", "1000000000 rows and 26"), ("CZ900000", "900000 rows and 104")]
+)
+def test_a_stray_cell_out_of_its_order_does_not_fill_the_memory(xlsx, far, span):
+    cells = f'<row r="1"><c r="A1"><v>1</v></c></row><row r="2"><c r="{far}"><v>1</v></c><c r="C2"><v>1</v></c></row>'
+    with pytest.raises(InputError, match=f"spans {span} columns"):
+        read(xlsx(Data=cells))
+
+
+def test_a_workbook_that_unpacks_to_too_much_is_refused(xlsx):
+    blanks = " " * 101_000_000
+    with pytest.raises(InputError, match=r"sheet1.xml holds 101 MB or more, packed into 0.1 MB. Such a file"):
+        read(xlsx(Data=f'<row r="1"><c r="A1"><v>1</v></c></row>{blanks}'))
+
+
 def test_a_damaged_workbook_gives_findings_and_nothing_else(xlsx):
     path = xlsx(Data=[*TABLE, *([float(i), i * 0.5] for i in range(100))])
     content, generator = path.read_bytes(), random.Random(5)

@@ -60,3 +60,17 @@ def test_changes_are_told_with_what_was_there():
 def test_files_of_one_name_are_called_by_their_paths():
     assert labels([Path("a/x.dcm"), Path("b/y.dcm")]) == ["x.dcm", "y.dcm"]
     assert labels([Path("a/x.dcm"), Path("b/x.dcm")]) == [str(Path("a/x.dcm")), str(Path("b/x.dcm"))]
+
+
+def test_labels_that_name_their_function_are_listed_by_it():
+    left, right = (
+        ParameterSet([Scalar("K", value), Scalar("L", value, functions=["F"]), Scalar("M", value, functions=["G"])])
+        for value in (1, 2)
+    )
+    lines = differing(compare(left, right), "a", "b")
+    assert [line for line in lines if line.endswith(":")] == [
+        "function F, 1 name:",
+        "function G, 1 name:",
+        "without a function, 1 name:",
+    ]
+    assert lines[-1] == "3 of 3 names in both differ"

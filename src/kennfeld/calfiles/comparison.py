@@ -1,7 +1,7 @@
 """What distinguishes two parameter sets: values, axes, units, and what only one of them has."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any
 
@@ -13,6 +13,7 @@ from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
 __all__ = ["Comparison", "Difference", "Tolerance", "compare"]
 
+_Thing = Parameter | Text | Axis
 _LETTERS = ("x", "y", "z", "u")
 
 
@@ -47,8 +48,10 @@ class Tolerance:
 class Difference:
     """One thing in which two sets differ.
 
-    `aspect` is values, kind, size, unit, text, content, "x axis" and the like, or "presence" where only one set has
-    it: the other side is empty then. Numbers carry how many of them differ, the largest difference and its index.
+    `name` is followed by the variant where a label has several: `K (Engine=2)`; `function` is the first one that uses
+    it, empty where none is known. `aspect` is values, kind, size, unit, text, content, "x axis" and the like, or
+    "presence" where only one set has it: the other side is empty then. Numbers carry how many of them differ, the
+    largest difference and its index.
     """
 
     name: str
@@ -60,11 +63,13 @@ class Difference:
     largest: float | None = None  # infinite where one side has no value
     index: tuple[int, ...] = ()  # of the largest difference
     place: str = ""  # the same in the words of the axes
+    function: str = ""
 
     @property
     def as_json(self) -> dict[str, Any]:
         """The difference for a program; `largest` is null where one side has no value."""
         plain: dict[str, Any] = {"name": self.name, "aspect": self.aspect, "left": self.left, "right": self.right}
+        plain |= {"function": self.function}
         if self.largest is None:
             return plain
         numbers = {"left": float(self.left), "right": float(self.right)}
@@ -90,29 +95,58 @@ def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None
     """Every difference in values, axes, units, texts and names.
 
     Values of tables of another size are not compared. Breakpoints of a group axis that both sets have are compared
-    once. Descriptions, bounds, locks, axis inputs and extrapolation are not compared: most formats have no place
-    for them.
+    once. Variants of a label are compared each with its own. Descriptions, bounds, locks, axis inputs and
+    extrapolation are not compared: most formats have no place for them.
     """
     allowed = tolerance or Tolerance()
-    ours, theirs = _by_name(left), _by_name(right)
     found: list[Difference] = []
-    for name in dict.fromkeys([*ours, *theirs]):
-        one, other = ours.get(name), theirs.get(name)
+    compared = 0
+    for name, one, other in _paired(left, right):
         if one is None or other is None:
-            found.append(Difference(name, "presence", _described(one), _described(other)))
+            made = [Difference(name, "presence", _described(one), _described(other))]
         else:
-            found += _differences(one, other, allowed)
-    return Comparison(tuple(found), len(ours.keys() & theirs.keys()))
+            compared += 1
+            made = [replace(difference, name=name) for difference in _differences(one, other, allowed)]
+        function = _function(one) or _function(other)
+        found += [replace(difference, function=function) for difference in made] if function else made
+    return Comparison(tuple(found), compared)
 
 
-def _by_name(members: ParameterSet) -> dict[str, Parameter | Text | Axis]:
-    """Everything that has a name; where a table and a group axis share one, it stands for the table."""
-    things: dict[str, Parameter | Text | Axis] = {member.name: member for member in members.parameters}
-    things |= {text.name: text for text in members.texts}
-    return things | {axis.name: axis for axis in members.axes if axis.name not in things}
+def _paired(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, _Thing | None, _Thing | None]]:
+    """What is compared with what, under which name; None where one side has it not."""
+    ours, theirs = _by_name(left), _by_name(right)
+    for name in dict.fromkeys([*ours, *theirs]):
+        mine, its = ours.get(name, {}), theirs.get(name, {})
+        if mine.keys() & its.keys() or not (mine and its):
+            for variant in dict.fromkeys([*mine, *its]):
+                yield _labelled(name, variant), mine.get(variant), its.get(variant)
+        else:  # one of them knows no variants: what counts there is compared with what counts here
+            (_, one), *more = mine.items()
+            (_, other), *further = its.items()
+            yield name, one, other
+            yield from ((_labelled(name, variant), thing, None) for variant, thing in more)
+            yield from ((_labelled(name, variant), None, thing) for variant, thing in further)
 
 
-def _differences(one: Parameter | Text | Axis, other: Parameter | Text | Axis, allowed: Tolerance) -> list[Difference]:
+def _labelled(name: str, variant: str) -> str:
+    return f"{name} ({variant})" if variant else name
+
+
+def _function(thing: _Thing | None) -> str:
+    return "" if thing is None or isinstance(thing, Axis) or not thing.functions else thing.functions[0]
+
+
+def _by_name(members: ParameterSet) -> dict[str, dict[str, _Thing]]:
+    """Everything that has a name, by variant; where a table and a group axis share one, it stands for the table."""
+    things: dict[str, dict[str, _Thing]] = {}
+    for (name, variant), thing in members.everything.items():
+        things.setdefault(name, {})[variant] = thing
+    for axis in members.axes:
+        things.setdefault(axis.name, {"": axis})
+    return things
+
+
+def _differences(one: _Thing, other: _Thing, allowed: Tolerance) -> list[Difference]:
     if isinstance(one, Text) and isinstance(other, Text):
         return [] if one.text == other.text else [Difference(one.name, "text", one.text, other.text)]
     if isinstance(one, Axis) and isinstance(other, Axis):
@@ -173,7 +207,7 @@ def _place(index: tuple[int, ...], axes: tuple[Axis, ...]) -> str:
     return f"[{', '.join(map(str, index))}]" if index else ""
 
 
-def _described(thing: Parameter | Text | Axis | None) -> str:
+def _described(thing: _Thing | None) -> str:
     if thing is None:
         return ""
     if isinstance(thing, Axis):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from kennfeld.calfiles.format import Notes
 from kennfeld.errors import nearest
 
-__all__ = ["Block", "DcmLines", "Statement", "recognises_dcm", "split", "unquoted"]
+__all__ = ["Block", "DcmLines", "Statement", "recognises_dcm", "split", "unquoted", "words"]
 
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 
@@ -36,6 +36,7 @@ _KEYWORDS = sorted(_BLOCKS | _LISTS | _SINGLE | _INSIDE | {"END"})
 _GROUP_AXIS = re.compile(r"\s*\*\s*(SSTX|SSTY|SST)(?:\s+(.*?))?\s*$")
 _SIZE = re.compile(r"[1-9]\d{0,9}")
 _BLOCK_HEADER = re.compile(r"(\S+)\s+(\d+)(?:\s*@\s*(\d+))?\s*$")
+_WORD = re.compile(r'"([^"]*)"|([^\s"]+)')
 _ESCAPED = re.compile(r'\\(["\\])')
 _RECOGNISED = re.compile(rf"^[ \t]*(?:{'|'.join(sorted(_BLOCKS | _LISTS | _SINGLE))})(?:\s|$)", re.MULTILINE)
 _MOST_GUESSES = 20  # a garbled file must not spend its time on guessing keywords
@@ -50,6 +51,7 @@ class Block:
     line: int
     sizes: tuple[int, ...] | None = ()
     statements: list[Statement] = field(default_factory=list)
+    end: int = 0  # the line of its END
 
     def text_of(self, keyword: str) -> str:
         """The quoted text of an attribute, or nothing."""
@@ -59,13 +61,30 @@ class Block:
         """What follows a keyword, as it stands."""
         return next((rest for _, key, rest in self.statements if key == keyword), "")
 
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """The functions that use it, quoted or not, each once."""
+        return tuple(
+            dict.fromkeys(word for _, key, rest in self.statements if key == "FUNKTION" for word in words(rest) if word)
+        )
+
 
 @dataclass
 class DcmLines:
-    """The blocks of a file and its version (1 where the file states none)."""
+    """The blocks of a file, its version (1 where the file states none) and what its variant coding declares."""
 
     version: str
     blocks: list[Block]
+    criteria: frozenset[str] = frozenset()  # by which variants are told apart
+
+
+def words(rest: str) -> list[str]:
+    """The words of a line; a quoted text is one.
+
+    >>> words('Engine "Basic functions" 2')
+    ['Engine', 'Basic functions', '2']
+    """
+    return [quoted or bare for quoted, bare in _WORD.findall(rest)]
 
 
 def unquoted(rest: str) -> str:
@@ -90,10 +109,15 @@ def split(text: str, notes: Notes) -> DcmLines:
     """Cut DCM text into blocks; whatever is no DCM goes to the notes, with its line."""
     splitter = _Splitter(notes)
     for number, line in enumerate(text.split("\n"), 1):
-        splitter.feed(number, line)
+        parts = line.split(None, 1)
+        # nearly all lines of a file are these, so they take the short way
+        if len(parts) == 2 and parts[0] in _INSIDE and splitter.block is not None:
+            splitter.block.statements.append((number, parts[0], parts[1]))
+        elif parts:
+            splitter.feed(number, line, parts[0], parts[1] if len(parts) > 1 else "")
     splitter.close_open_block()
     splitter.note_unknown_keywords()
-    return DcmLines(splitter.version, splitter.blocks)
+    return DcmLines(splitter.version, splitter.blocks, frozenset(splitter.criteria))
 
 
 class _Splitter:
@@ -102,14 +126,12 @@ class _Splitter:
         self.version = "1"
         self.blocks: list[Block] = []
         self.block: Block | None = None
+        self.criteria: set[str] = set()
         self.unknown: dict[str, Statement] = {}
         self.guessed = 0
 
-    def feed(self, number: int, line: str) -> None:
-        words = line.split(None, 1)
-        if not words:
-            return
-        keyword, rest = words[0], words[1] if len(words) > 1 else ""
+    def feed(self, number: int, line: str, keyword: str, rest: str) -> None:
+        """Take a line that begins with a keyword, followed by the rest."""
         if self.block is not None and keyword in _INSIDE:
             self.block.statements.append((number, keyword, rest))
         elif keyword[0] in "*!.":
@@ -135,6 +157,7 @@ class _Splitter:
         if self.block is None:
             self.notes.error(number, "", "END closes no block", "Delete it, or restore the block's first line.")
         elif self.block.keyword in _BLOCKS:
+            self.block.end = number
             self.blocks.append(self.block)
         self.block = None
 
@@ -162,6 +185,8 @@ class _Splitter:
     def _stranger(self, number: int, keyword: str, rest: str) -> None:
         """A keyword of no known version inside a block or between two; one near a known one is a slip."""
         if self.block is not None:
+            if keyword == "KRITERIUM" and self.block.keyword == "VARIANTENKODIERUNG":
+                self.criteria.update(words(rest)[:1])
             if self.block.keyword not in ("", *_LISTS):
                 self.unknown.setdefault(keyword, (number, self.block.name, rest))
             return
@@ -196,11 +221,11 @@ def _header(keyword: str, rest: str) -> tuple[str, tuple[int, ...] | None]:
         found = _BLOCK_HEADER.match(rest)
         name, given = (found[1], [size for size in found.groups()[1:] if size]) if found else (rest.strip(), [])
     else:
-        words = rest.split()
-        count = max(len(words) - _NUMERIC[keyword], 1)
+        parts = rest.split()
+        count = max(len(parts) - _NUMERIC[keyword], 1)
         # Only group axes are known to have names with blanks.
         count = count if keyword == "STUETZSTELLENVERTEILUNG" else min(count, 1)
-        name, given = " ".join(words[:count]), words[count:]
+        name, given = " ".join(parts[:count]), parts[count:]
     wanted = (1, 2) if keyword == "FESTWERTEBLOCK" else (_NUMERIC[keyword],)
     usable = name and len(given) in wanted and all(_SIZE.fullmatch(size) for size in given)
     return name, tuple(int(size) for size in given) if usable else None

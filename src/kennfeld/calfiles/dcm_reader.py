@@ -1,28 +1,36 @@
 """DCM blocks as parameters: numbers, axes, units, group axes; every block is checked before anything is built."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from math import isfinite, prod
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.dcm_lines import Block as Lines
-from kennfeld.calfiles.dcm_lines import split, unquoted
+from kennfeld.calfiles.dcm_lines import DcmLines, split, unquoted
 from kennfeld.calfiles.format import Content, Notes, Source, counted
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
 
-__all__ = ["read_dcm"]
+__all__ = ["Dcm", "Key", "VariantValue", "read_dcm", "variant_of", "variant_values"]
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
+_LONGEST = 4096  # characters of a line with the values of variants; the search takes the square of them
+_VARIANT = re.compile(r'([^,="]+)(?:=\s*("(?:[^"\\]|\\.)*"|[^,]*))?\s*(?:,|$)')
+
+
+Key = tuple[str, str]  # name and variant
+Thing = Parameter | Text
 
 
 @dataclass(frozen=True)
-class _Table:
+class _Held:
     """A checked block whose group axes are not tied yet."""
 
     lines: Lines
-    member: Parameter
+    thing: Thing
     groups: tuple[str, ...] = ()  # the group axis each axis refers to
 
 
@@ -37,23 +45,39 @@ class _Numbers:
 
 @dataclass
 class _Found:
-    """What the blocks hold, by name."""
+    """What the blocks hold."""
 
-    tables: dict[str, _Table] = field(default_factory=dict)
-    texts: dict[str, tuple[Lines, Text]] = field(default_factory=dict)
+    things: dict[Key, _Held] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
     axis_lines: dict[str, Lines] = field(default_factory=dict)
+    keys: dict[int, Key] = field(default_factory=dict)  # of the block that begins in a line
+
+
+@dataclass(frozen=True, eq=False)
+class Dcm:
+    """A DCM file as it was read: its characters, its blocks, and what each of them holds.
+
+    `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none.
+    """
+
+    source: Source
+    blocks: tuple[Lines, ...]
+    keys: Mapping[int, Key]
+    things: Mapping[Key, Thing]
+    axes: Mapping[str, Axis]
+    criteria: frozenset[str]
 
 
 def read_dcm(source: Source) -> Content:
     """The parameters of a DCM file, version 1.x or 2.x.
 
-    Maps are stored by y in the file and turned here, so that `values[i, j]` is x index i, y index j.
-    Raises `InputError` with every finding; text axes and text tables are left aside with a remark.
+    Maps are stored by y in the file and turned here, so that `values[i, j]` is x index i, y index j. Of a label with
+    several variants the first one counts. Raises `InputError` with every finding; text axes and text tables are left
+    aside with a remark, and stay in the file when it is written again.
     """
     notes = Notes(source.name)
     lines = split(source.text, notes)
-    reader = _Reader(notes, lines.version)
+    reader = _Reader(notes, lines)
     blocks = [block for block in lines.blocks if block.sizes is not None]
     for block in blocks:
         if block.keyword == "STUETZSTELLENVERTEILUNG":
@@ -61,17 +85,69 @@ def read_dcm(source: Source) -> Content:
     for block in blocks:
         if block.keyword != "STUETZSTELLENVERTEILUNG":
             reader.take(block)
-    members = reader.tied()
+    things, axes = reader.tied(), reader.found.axes
     remarks = notes.settle()
-    texts = [text for _, text in reader.found.texts.values()]
-    return Content(f"DCM {lines.version}", ParameterSet(members, texts, reader.found.axes.values()), remarks)
+    first = {name: (name, variant) for name, variant in reversed(things)}
+    chosen = [thing for key, thing in things.items() if first[key[0]] == key]
+    return Content(
+        f"DCM {lines.version}",
+        ParameterSet(
+            [thing for thing in chosen if isinstance(thing, Parameter)],
+            [thing for thing in chosen if isinstance(thing, Text)],
+            axes.values(),
+            [thing for key, thing in things.items() if first[key[0]] != key],
+            Dcm(source, tuple(lines.blocks), reader.found.keys, things, axes, lines.criteria),
+        ),
+        remarks,
+    )
+
+
+def variant_of(block: Lines, criteria: frozenset[str] = frozenset()) -> str:
+    """The variant for which a block holds: `Engine=2,Gear=1`; empty where it names none."""
+    return "" if variant_values(block, criteria) else _criteria(block.rest_of("VAR"))
+
+
+def _criteria(rest: str) -> str:
+    return ",".join("=".join(side.strip() for side in part.split("=")) for part in rest.split(","))
+
+
+@dataclass(frozen=True)
+class VariantValue:
+    """The value of another variant in a block of one value, `VAR VariantA=27.5`: `start` is its place in the rest."""
+
+    variant: str
+    value: str
+    line: int
+    start: int
+
+
+def variant_values(block: Lines, criteria: frozenset[str]) -> list[VariantValue]:
+    """The values of other variants in a block of one value.
+
+    Such a line states a criterion instead where the variant coding of the file declares it.
+    """
+    keys = [key for _, key, _ in block.statements]
+    if block.keyword not in ("FESTWERT", "TEXTSTRING") or not {"WERT", "TEXT"} & set(keys):
+        return []
+    first = next(at for at, key in enumerate(keys) if key in ("WERT", "TEXT"))
+    values = [
+        VariantValue(found[1].strip(), (found[2] or "").strip(), line, found.start(2))
+        for line, key, rest in block.statements[first:]
+        if key == "VAR" and len(rest) < _LONGEST
+        for found in _VARIANT.finditer(rest)
+    ]
+    quoted = keys[first] == "TEXT"
+    fits = (one.value.startswith('"') if quoted else _is_number(one.value) for one in values)
+    return values if all(fits) and not criteria & {one.variant for one in values} else []
 
 
 class _Reader:
-    def __init__(self, notes: Notes, version: str) -> None:
+    def __init__(self, notes: Notes, lines: DcmLines) -> None:
         self.notes = notes
-        self.version = version
+        self.version = lines.version
+        self.criteria = lines.criteria
         self.found = _Found()
+        self.first: dict[str, _Held] = {}  # of each label
 
     def take_axis(self, block: Lines) -> None:
         """Keep a group axis."""
@@ -81,17 +157,19 @@ class _Reader:
         axis = Axis(points, unit=block.text_of("EINHEIT_X"), name=block.name)
         known = self.found.axes.setdefault(block.name, axis)
         first = self.found.axis_lines.setdefault(block.name, block)
-        if not np.array_equal(known.breakpoints, points):
-            self._repeated(block, first, "with other breakpoints")
+        if np.array_equal(known.breakpoints, points):
+            self.found.keys[block.line] = (block.name, "")
+        elif variant_of(block) == variant_of(first):
+            self._twice(block, first.line, "with other breakpoints")
+        else:
+            what = f"is the axis of line {first.line} in another variant ({variant_of(block)}); left aside"
+            self.notes.remark(block.line, block.name, what)
 
     def take(self, block: Lines) -> None:
         """Check a block and keep what it holds."""
         keys = [key for _, key, _ in block.statements]
-        if "VAR" in keys and {"WERT", "TEXT"} & set(keys[: keys.index("VAR")]):
-            what = f"the value of variant {block.rest_of('VAR').strip()} is left aside"
-            self.notes.remark(block.line, block.name, what)
         if block.keyword in ("FESTWERT", "TEXTSTRING") and block.rest_of("TEXT"):
-            self._take_text(block)
+            self._take(block, Text(block.name, unquoted(block.rest_of("TEXT")), **self._labels(block)))
             return
         texts = [key for key in keys if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
         if texts:
@@ -100,49 +178,55 @@ class _Reader:
             return
         table = self._table(block)
         if table is not None:
-            self._take_table(block, table)
+            self._take(block, table, _groups(block))
 
-    def _take_text(self, block: Lines) -> None:
-        text = Text(block.name, unquoted(block.rest_of("TEXT")), block.text_of("LANGNAME"))
-        first, known = self.found.texts.setdefault(block.name, (block, text))
-        if block.name in self.found.tables:
-            self._twice(block, self.found.tables[block.name].lines.line, "as a text")
-        elif known.text != text.text:
-            self._repeated(block, first, "with another text")
+    def _take(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
+        self._hold(block, thing, groups)
+        for one in variant_values(block, self.criteria):
+            if isinstance(thing, Text):
+                self._hold(block, replace(thing, text=unquoted(one.value), variant=one.variant))
+            else:
+                self._hold(block, thing.changed(values=np.array(float(one.value)), variant=one.variant))
 
-    def _take_table(self, block: Lines, table: _Table) -> None:
-        if block.name in self.found.texts:
-            self._twice(block, self.found.texts[block.name][0].line, "as a number")
+    def _hold(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
+        """One label may occur once a variant."""
+        key = (thing.name, thing.variant)
+        held = _Held(block, thing, groups)
+        first = self.first.setdefault(thing.name, held)
+        if isinstance(thing, Text) != isinstance(first.thing, Text):
+            self._twice(block, first.lines.line, "as a text" if isinstance(thing, Text) else "as a number")
             return
-        known = self.found.tables.setdefault(block.name, table)
-        if not _same_values(known.member, table.member):
-            self._repeated(block, known.lines, "with other values")
+        known = self.found.things.setdefault(key, held)
+        self.found.keys.setdefault(block.line, key)
+        if not _same(known.thing, thing):
+            self._twice(
+                block, known.lines.line, "with another text" if isinstance(thing, Text) else "with other values"
+            )
 
-    def _repeated(self, block: Lines, first: Lines, difference: str) -> None:
-        """One label may occur once a variant; the first variant counts."""
-        if block.rest_of("VAR").strip() == first.rest_of("VAR").strip():
-            self._twice(block, first.line, difference)
-        else:
-            variant = block.rest_of("VAR").strip()
-            what = f"is another variant ({variant}) of the block in line {first.line}; left aside"
-            self.notes.remark(block.line, block.name, what)
+    def _labels(self, block: Lines) -> dict[str, Any]:
+        return {
+            "description": block.text_of("LANGNAME"),
+            "functions": block.functions,
+            "display_name": block.text_of("DISPLAYNAME"),
+            "variant": variant_of(block, self.criteria),
+        }
 
     def _twice(self, block: Lines, line: int, difference: str) -> None:
         what = f"{block.name} is defined a second time, {difference}, after line {line}"
         self.notes.error(block.line, block.name, what, "Keep one of the two.")
 
-    def _table(self, block: Lines) -> _Table | None:
+    def _table(self, block: Lines) -> Parameter | None:
         assert block.sizes is not None
-        attributes = {"unit": block.text_of("EINHEIT_W"), "description": block.text_of("LANGNAME")}
+        attributes = self._labels(block) | {"unit": block.text_of("EINHEIT_W")}
         if block.keyword == "FESTWERTEBLOCK":
             values = self._values(block, block.sizes)
-            return None if values is None else _Table(block, Block(block.name, values, **attributes))
+            return None if values is None else Block(block.name, values, **attributes)
         axes = [self._axis(block, direction) for direction in range(len(block.sizes))]
         values = self._values(block, block.sizes)
         if values is None or None in axes:
             return None
         own = [axis for axis in axes if axis is not None]
-        return _Table(block, parameter(block.name, values, own, **attributes), _groups(block))
+        return parameter(block.name, values, own, **attributes)
 
     def _axis(self, block: Lines, direction: int) -> Axis | None:
         points = self._axis_points(block, direction)
@@ -201,20 +285,24 @@ class _Reader:
 
     def _numbers(self, block: Lines, keyword: str) -> _Numbers | None:
         """All numbers behind a keyword; None where one of them is none."""
-        numbers: list[float] = []
+        words: list[str] = []
         rows: list[tuple[int, str, int]] = []
+        waiting: list[str] = []  # lines that are split together, since a split for each would take twice as long
         begin = 0
+        for line, key, rest in block.statements:
+            if key == keyword:
+                begin = begin or line
+                waiting.append(rest)
+            elif key == "ST/Y":
+                words += " ".join(waiting).split()
+                waiting.clear()
+                rows.append((line, rest, len(words)))
+        words += " ".join(waiting).split()
         try:
-            for line, key, rest in block.statements:
-                if key == keyword:
-                    begin = begin or line
-                    numbers += map(_strict_float if "_" in rest else float, rest.split())
-                elif key == "ST/Y":
-                    rows.append((line, rest, len(numbers)))
+            values = np.array(list(map(_strict_float if "_" in "".join(words) else float, words)), dtype=np.float64)
         except ValueError:
             self._wrong_numbers(block, keyword)
             return None
-        values = np.array(numbers, dtype=np.float64)
         if not np.isfinite(values).all():
             self._wrong_numbers(block, keyword)
             return None
@@ -232,15 +320,15 @@ class _Reader:
         axes = self.found.axes
         return axes.get(reference) or axes.get(reference.partition("\\")[0])
 
-    def tied(self) -> list[Parameter]:
-        """The tables with their group axes named."""
-        return [self._tied(table) for table in self.found.tables.values()]
+    def tied(self) -> dict[Key, Thing]:
+        """What was read, the tables with their group axes named."""
+        return {key: self._tied(held) for key, held in self.found.things.items()}
 
-    def _tied(self, table: _Table) -> Parameter:
-        if not any(table.groups):
-            return table.member
-        pairs = zip(table.member.axes, table.groups, strict=True)
-        return table.member.changed(axes=tuple(self._tie(table.lines, axis, group) for axis, group in pairs))
+    def _tied(self, held: _Held) -> Thing:
+        if isinstance(held.thing, Text) or not any(held.groups):
+            return held.thing
+        pairs = zip(held.thing.axes, held.groups, strict=True)
+        return held.thing.changed(axes=tuple(self._tie(held.lines, axis, group) for axis, group in pairs))
 
     def _tie(self, block: Lines, axis: Axis, reference: str) -> Axis:
         if not reference:
@@ -278,7 +366,9 @@ def _wrong_axis(letter: str, points: Float, size: int) -> tuple[str, str] | None
     return what, "Each breakpoint must be larger than the one before."
 
 
-def _same_values(first: Parameter, second: Parameter) -> bool:
+def _same(first: Thing, second: Thing) -> bool:
+    if isinstance(first, Text) or isinstance(second, Text):
+        return isinstance(first, Text) and isinstance(second, Text) and first.text == second.text
     if first.kind != second.kind or not np.array_equal(first.values, second.values):
         return False
     pairs: Iterable[tuple[Axis, Axis]] = zip(first.axes, second.axes, strict=True)

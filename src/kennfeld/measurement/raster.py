@@ -15,7 +15,8 @@ _LEVELS = 16  # a gear, a mode or a switch has no more
 
 def samples_on(time: Float, raster: float) -> float:
     """How many points an even raster over the range of `time` has; not an int, for it may be absurd."""
-    return float(np.floor((time[-1] - time[0]) / raster + 1e-6)) + 1.0
+    with np.errstate(over="ignore"):
+        return float(np.floor((time[-1] - time[0]) / raster + 1e-6)) + 1.0
 
 
 def grid(time: Float, raster: float) -> Float:

@@ -48,7 +48,7 @@ def _varies(values: Float) -> bool:
 
 
 def _rises(values: Float) -> bool:
-    return bool(np.all(np.diff(values) > 0))
+    return bool(np.all(values[1:] > values[:-1]))
 
 
 def seconds(column: Column) -> Float:
@@ -58,10 +58,11 @@ def seconds(column: Column) -> Float:
     array([0.  , 0.01])
     """
     factor, divisor = in_seconds(time_unit(column.name, column.unit) or column.unit) or (1.0, 1.0)
-    if column.dated:
-        # a difference of two large numbers; nobody stamps finer than that
-        return np.asarray(np.round(column.values - column.values[0], 9))
-    elapsed: Float = column.values * factor / divisor
+    with np.errstate(invalid="ignore"):  # files hold NaNs that complain of being touched
+        if column.dated:
+            # a difference of two large numbers; nobody stamps finer than that
+            return np.asarray(np.round(column.values - column.values[0], 9))
+        elapsed: Float = column.values * factor / divisor
     return elapsed
 
 
@@ -78,7 +79,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
             max(gaps.size - 200, 0),
         )
     latest = np.maximum.accumulate(time)
-    back = np.flatnonzero(np.diff(time) < -SAME) + 1
+    back = np.flatnonzero(time[1:] < time[:-1] - SAME) + 1
     found = [_backwards(table, column, time, int(k)) for k in back[:200]]
     found = [] if table.restarts else found
     still = int(np.count_nonzero(np.diff(time) < SAME if table.restarts else time[1:] < latest[:-1] + SAME))

@@ -41,7 +41,18 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
             good = False
         good = good and not clashes
         origin |= dict.fromkeys(given, name)
-    return merged if good else None
+    return _in_variant(file, merged, findings) if good else None
+
+
+def _in_variant(file: ProjectFile, given: ParameterSet, findings: list[Finding]) -> ParameterSet | None:
+    """The values of the variant that the project asks for."""
+    if not file.calibration.variant:
+        return given
+    try:
+        return given.in_variant(file.calibration.variant)
+    except ArgumentError as error:
+        findings.append(Finding(file.place("[calibration] variant"), str(error)))
+        return None
 
 
 def _read(path: Path) -> ParameterSet:

@@ -59,7 +59,7 @@ def write(
     simulation = project.simulate(result.parameters, result.shifts)
     with _written_beside(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
-            write_parameters(_without(result.parameters, project.surrogates), scratch / f"parameters{ending}")
+            write_parameters(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
@@ -71,12 +71,6 @@ def write(
         ]
         _move(names, scratch, target)
     return tuple(target / name for name in names)
-
-
-def _without(parameters: ParameterSet, names: Collection[str]) -> ParameterSet:
-    if not names:
-        return parameters
-    return ParameterSet((p for p in parameters.parameters if p.name not in names), parameters.texts, parameters.axes)
 
 
 def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:

@@ -191,6 +191,7 @@ class CalibrationEntry:
     """`[calibration]`; `output` as file endings."""
 
     initial: tuple[str, ...] = ()
+    variant: str = ""
     output: tuple[str, ...] = ()
     free: tuple[str, ...] = ("*",)
 

@@ -150,6 +150,7 @@ def _calibration(root: Section) -> CalibrationEntry:
         return CalibrationEntry()
     entry = CalibrationEntry(
         initial=section.texts("initial"),
+        variant=section.text("variant"),
         output=tuple(ending for word in section.texts("output") if (ending := _ending(section, word))),
         free=section.texts("free") if section.has("free") else ("*",),
     )

@@ -70,7 +70,7 @@ def contents(path: str | Path) -> Contents:
     if kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head)):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
-        text, beside = file.read_text(encoding="utf-8-sig"), formulas.surrogates_beside(file)
+        text, beside = formulas.text_of(file), formulas.surrogates_beside(file)
         return _formula(file, formulas.formula(text, file.name, surrogates=beside))
     return _measurement(measurement.describe(path))
 

@@ -22,14 +22,34 @@ def labels(paths: Sequence[Path]) -> list[str]:
 
 
 def differing(found: Comparison, left: str, right: str, coloured: bool | None = None) -> list[str]:
-    """The differences as a table; red what only the first file has, green what only the second has, else yellow."""
+    """The differences as a table, one a function where labels name theirs.
+
+    Red is what only the first file has, green what only the second has, yellow what differs.
+    """
     if found.equal:
         return [f"equal: {_counted(found.compared)} in both"]
-    colours = [_colour(one) if coloured or (coloured is None and _shows_colours()) else "" for one in found.differences]
+    coloured = _shows_colours() if coloured is None else coloured
+    by_function: dict[str, list[Difference]] = {}
+    for one in found.differences:
+        by_function.setdefault(one.function, []).append(one)
+    lines: list[str] = []
+    for function, differences in sorted(by_function.items(), key=lambda item: item[0] == ""):
+        lines += _heading(function, differences) if any(by_function) else []
+        lines += [*_table(differences, left, right, coloured), ""]
+    return [*lines, _sum(found, left, right)]
+
+
+def _heading(function: str, differences: Sequence[Difference]) -> list[str]:
+    names = _counted(len({one.name for one in differences}))
+    return [f"{f'function {function}' if function else 'without a function'}, {names}:"]
+
+
+def _table(differences: Sequence[Difference], left: str, right: str, coloured: bool) -> list[str]:
     rows: list[tuple[str, ...]] = [("name", "what", left, right, "largest difference", "differ", "at")]
-    rows += [_row(one, left, right) for one in found.differences]
+    rows += [_row(one, left, right) for one in differences]
     used = [i for i in range(len(rows[0])) if i < 4 or any(row[i] for row in rows[1:])]
-    return [*_painted(aligned([tuple(row[i] for i in used) for row in rows]), colours), "", _sum(found, left, right)]
+    colours = [_colour(one) if coloured else "" for one in differences]
+    return _painted(aligned([tuple(row[i] for i in used) for row in rows]), colours)
 
 
 def _row(one: Difference, left: str, right: str) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from kennfeld.models.model import Model
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["expression", "extend", "formula", "read"]
+__all__ = ["expression", "extend", "formula", "read", "text_of"]
 
 
 def formula(
@@ -49,15 +49,15 @@ def read(
     path = Path(path)
     if path.suffix.casefold() != ".kf":
         raise InputError.of(str(path), "this is no formula text", "Formula text is in files that end in .kf.")
+    return _model(Source.of_text(path.name, text_of(path)), path.stem, str(path), parameters, surrogates)
+
+
+def text_of(path: Path) -> str:
+    """The characters of a file of formula text; raises `InputError` where it is no text in UTF-8."""
     try:
         content = path.read_bytes()
     except OSError as error:
         raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
-    source = Source.of_text(path.name, _decoded(content, path))
-    return _model(source, path.stem, str(path), parameters, surrogates)
-
-
-def _decoded(content: bytes, path: Path) -> str:
     if b"\0" in content:
         raise InputError.of(str(path), "this is no text but a binary file", "Formula text is UTF-8 text.")
     try:

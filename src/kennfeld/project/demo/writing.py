@@ -88,8 +88,9 @@ def _complete(folder: Path, name: str, settings: str) -> None:
 
 def _put(path: Path, content: str | Dataset | ParameterSet) -> None:
     if isinstance(content, ParameterSet):
-        return write_parameters(content, path)
-    return write_whole(path, content if isinstance(content, str) else _csv(content))
+        write_parameters(content, path)
+    else:
+        write_whole(path, content if isinstance(content, str) else _csv(content))
 
 
 def _csv(data: Dataset) -> str:

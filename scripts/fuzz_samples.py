@@ -1,0 +1,130 @@
+"""Whole files of every format, made from a seed, for `fuzz.py` to damage."""
+
+import random
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from fuzz import Sample
+
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar, Text
+
+LARGEST = 300_000  # bytes of a real file that is damaged as well
+
+
+def samples(seed: int, folder: Path | None = None) -> list[Sample]:
+    """Some files a kind, and the small ones of a folder as kind `real`."""
+    made = [sample for maker in _MAKERS for sample in maker(seed)]
+    return made + ([] if folder is None else list(_real(folder)))
+
+
+def _real(folder: Path) -> Iterator[Sample]:
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.stat().st_size < LARGEST:
+            yield Sample("real", path.name, {path.name: path.read_bytes()})
+
+
+def _parameters(draw: random.Random, cubes: bool = False, variants: bool = False) -> ParameterSet:
+    numbers = np.random.default_rng(draw.randrange(1 << 30))
+    group = Axis(np.sort(numbers.choice(100, 4, replace=False)), unit="rpm", name="AxisGroup")
+    own = Axis(np.arange(3.0), unit="%")
+    members: list[Parameter] = [
+        Scalar("K", float(numbers.normal()), unit="Nm", description="a value", functions=["F1"], display_name="k"),
+        Block("B", numbers.normal(size=(3, 2))),
+        Curve("C", group, numbers.normal(size=4), unit="Nm"),
+        Map("M", group, own, np.round(numbers.normal(size=(4, 3)), 2), unit="bar", functions=["F1", "F2"]),
+    ]
+    if cubes:
+        members.append(Cube("Q", [own, own, own], numbers.normal(size=(3, 3, 3))))
+    others = [members[0].changed(values=np.array(2.5), variant="Engine=2")] if variants else []
+    if variants:
+        members[0] = members[0].changed(variant="Engine=1")
+    return ParameterSet(members, [Text("T", "a word")], [group], others)
+
+
+def _calibrations(seed: int) -> Iterator[Sample]:
+    """What can be written as every format that Kennfeld writes."""
+    from kennfeld.calfiles import write
+
+    for ending in (".dcm", ".csv", ".cdfx", ".json"):
+        for number in range(4):
+            draw = random.Random(f"{seed}{ending}{number}")
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / f"sample{ending}"
+                several = ending in (".dcm", ".json")
+                write(_parameters(draw, cubes=ending in (".json", ".cdfx"), variants=several and number % 2 == 1), path)
+                yield Sample(f"calibration {ending}", path.name, {path.name: path.read_bytes()})
+
+
+def _recordings(seed: int) -> Iterator[Sample]:
+    """Measurement files of every format that a library here writes."""
+    writers: dict[str, Callable[[Path, np.random.Generator], None]] = {
+        ".csv": _csv,
+        ".txt": _german,
+        ".xlsx": _excel,
+        ".parquet": _parquet,
+        ".mf4": _mdf("4.10"),
+        ".mdf": _mdf("3.30"),
+    }
+    for ending, write in writers.items():
+        for number in range(3):
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / f"sample{ending}"
+                write(path, np.random.default_rng([seed, number]))
+                yield Sample(f"measurement {ending}", path.name, {path.name: path.read_bytes()})
+
+
+def _columns(numbers: np.random.Generator, rows: int = 40) -> dict[str, np.ndarray]:
+    made = {name: np.round(numbers.normal(size=rows), 3) for name in ("Speed", "Load")}
+    return {"time": 0.1 * np.arange(rows)} | made
+
+
+def _csv(path: Path, numbers: np.random.Generator) -> None:
+    columns = _columns(numbers)
+    lines = ["time [s],Speed [rpm],Load [%]", *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _german(path: Path, numbers: np.random.Generator) -> None:
+    columns = _columns(numbers)
+    rows = (";".join(str(cell).replace(".", ",") for cell in row) for row in zip(*columns.values(), strict=True))
+    path.write_text("\r\n".join(["# Prüfstand 3", "Zeit;Drehzahl;Last", "s;1/min;%", *rows]), encoding="cp1252")
+
+
+def _excel(path: Path, numbers: np.random.Generator) -> None:
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(str(path)) as book:
+        sheet = book.add_worksheet("Data")
+        for column, (name, values) in enumerate(_columns(numbers).items()):
+            sheet.write(0, column, name)
+            sheet.write_column(1, column, values.tolist())
+
+
+def _parquet(path: Path, numbers: np.random.Generator) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table(_columns(numbers)), path)
+
+
+def _mdf(version: str) -> Callable[[Path, np.random.Generator], None]:
+    def write(path: Path, numbers: np.random.Generator) -> None:
+        import warnings
+
+        from asammdf import MDF, Signal
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with MDF(version=version) as mdf:
+                for rows in (40, 7):
+                    columns = _columns(numbers, rows)
+                    time = columns.pop("time")
+                    mdf.append([Signal(v, time, name=f"{n}{rows}", unit="rpm") for n, v in columns.items()])
+                mdf.save(path, overwrite=True, compression=int(numbers.integers(0, 3)) if version > "4" else 0)
+
+    return write
+
+
+_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _recordings)

@@ -1,0 +1,65 @@
+"""Today's calibration in a project: which variant counts, and the file that a run writes from it."""
+
+import numpy as np
+import pytest
+
+from kennfeld.project.results import write
+
+START = """* a remark of the owner
+KONSERVIERUNG_FORMAT 2.0
+FESTWERT offset
+  WERT 1.50
+END
+FESTWERT factor
+  VAR Engine=1
+  WERT 1.0
+END
+FESTWERT factor
+  VAR Engine=2
+  WERT 2.0
+END
+FESTWERT elsewhere
+  WERT 7.00\x20\x20
+  UNKNOWN 1
+END
+"""
+
+
+@pytest.fixture
+def line(shop):
+    shop.text = "y = factor * x + offset"
+    x = np.arange(10.0)
+    shop.csv("bench.csv", {"x": x, "z": 3 * x + 4})
+    (shop.folder / "start.dcm").write_text(START)
+    shop.toml = (
+        "model.file = 'sensor.kf'\n[[dataset]]\nfiles = 'bench.csv'\n[[criterion]]\nnode = 'y'\ntarget = 'z'\n"
+        "[calibration]\ninitial = 'start.dcm'\noutput = 'dcm'\n"
+    )
+    return shop
+
+
+def calibrated(shop):
+    project = shop.project
+    write(project.calibrate(), project, shop.folder / "results")
+    return (shop.folder / "results/parameters.dcm").read_text().splitlines()
+
+
+def test_the_calibrated_dcm_is_the_start_with_other_numbers(line):
+    before, after = START.splitlines(), calibrated(line)
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert [old for old, _ in changed] == ["  WERT 1.50", "  WERT 1.0"]
+    assert [float(new.split()[1]) for _, new in changed] == pytest.approx([4, 3])
+
+
+def test_the_variant_that_is_asked_for_is_fitted_and_written(line):
+    line.toml += "variant = 'Engine=2'\n"
+    assert line.project.problem().parameters["factor"].value == 2
+    changed = [old for old, new in zip(START.splitlines(), calibrated(line), strict=True) if old != new]
+    assert changed == ["  WERT 1.50", "  WERT 2.0"]
+
+
+def test_a_variant_that_is_nowhere_is_reported_with_those_that_are(line):
+    line.toml += "variant = 'Engine=3'\n"
+    [finding] = [str(finding) for finding in line.findings() if "variant" in str(finding)]
+    assert "[calibration] variant: no parameter has the variant 'Engine=3'" in finding
+    assert "Engine=1, Engine=2" in finding
