@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kennfeld.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.stamps import is_stamp, stamps
 
@@ -54,3 +55,11 @@ def test_a_large_file_keeps_its_stamps(csv, monkeypatch):
 
 def test_a_stamp_that_is_no_date_stays_text(csv):
     assert read(csv("Time;n\n2020-02-30 12:00:00;1\n2020-02-31 12:00:00;2\n")).time is None
+
+
+def test_a_first_stamp_that_is_missing_is_the_only_finding(csv):
+    with pytest.raises(InputError) as caught:
+        read(csv("Time;n\n;799\n12:00:00.0;800\n12:00:00.1;801\n"))
+    assert [str(f).partition(". ")[0] for f in caught.value.findings] == [
+        "bench.csv line 2, column Time: the time stamp is missing"
+    ]

@@ -61,7 +61,8 @@ def seconds(column: Column) -> Float:
     with np.errstate(invalid="ignore"):  # files hold NaNs that complain of being touched
         if column.dated:
             # a difference of two large numbers; nobody stamps finer than that
-            return np.asarray(np.round(column.values - column.values[0], 9))
+            known = column.values[~np.isnan(column.values)]
+            return np.asarray(np.round(column.values - (known[0] if known.size else 0.0), 9))
         elapsed: Float = column.values * factor / divisor
     return elapsed
 
