@@ -110,8 +110,8 @@ def test_findings_of_a_reader_come_with_the_others(shop):
 
 
 def test_another_kind_of_file_under_a_familiar_name_is_told(shop):
-    shop.write("bench.csv", b"MLVLG\0\0\1" + b"\0" * 200)
-    assert "this is an MLG (TunerStudio log) file, which cannot be read as a measurement" in shop.error()
+    shop.write("bench.csv", b"%PDF-1.7" + b"\0" * 200)
+    assert "this is a PDF file, which cannot be read as a measurement" in shop.error()
 
 
 def test_a_file_without_samples_is_a_finding(shop):

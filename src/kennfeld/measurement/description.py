@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.measurement.columns import Column, Table
-from kennfeld.measurement.timing import find_time, seconds
+from kennfeld.measurement.timing import find_time, pieces, seconds
 
 __all__ = ["ChannelDescription", "Description", "TableDescription", "TimeDescription", "described"]
 
@@ -73,6 +73,8 @@ def described(table: Table) -> TableDescription:
     stamps = None if time is None else seconds(time)
     details = dict(table.details)
     group = details.pop("group", "")
+    if time is not None and (parts := len(pieces(table, seconds(time)))) > 1:
+        details["pieces"] = f"{parts}, for its time starts anew"
     return TableDescription(
         details.get("sheet", group),
         int(table.rows.size),
