@@ -150,9 +150,13 @@ def check(path: ProjectFile) -> int:
     problem = project.problem()
     values = sum(problem.parameters[name].size for name in problem.free_names)
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in problem.datasets]
-    say(f"{path}: {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{path}: {_soundness(findings)}")
     say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
+
+
+def _soundness(findings: Sequence[Finding]) -> str:
+    return "ready, with warnings" if any(f.severity == "warning" for f in findings) else "no problem found"
 
 
 def _check_training(path: Path) -> int:
@@ -166,7 +170,7 @@ def _check_training(path: Path) -> int:
     settings = training.settings
     called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
-    say(f"{path}: a training file, {'ready, with warnings' if findings else 'no problem found'}")
+    say(f"{path}: a training file, {_soundness(findings)}")
     say(f"{settings.kind} surrogate {called}; {', '.join(samples)}")
     say(f"Next: kennfeld surrogate train {path}")
     return DONE
@@ -369,13 +373,26 @@ def info(
         Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, surrogate or project file.")
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    search: Annotated[
+        str,
+        typer.Option(
+            "--search", help="Show what has this in its name or description.", show_default=False, metavar="TEXT"
+        ),
+    ] = "",
 ) -> int:
-    """Show what is in a file."""
+    """Show what is in a file.
+
+    With --search, only channels, parameters and nodes whose name or description has the text, whatever its case; with
+    * and ? in it, those whose whole name fits.
+    """
     import json
 
     from kennfeld.terminal.contents import contents
+    from kennfeld.terminal.search import searched
 
     found = contents(path)
+    if search.strip():
+        found = searched(found, search)
     say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
     return DONE
 

@@ -214,6 +214,14 @@ def test_all_problems_of_the_file_come_at_once(shop):
     assert len(shop.errors()) == 4
 
 
+STEADY = """[channels.calculated]
+half = "n / 2"
+[units]
+n = "rpm"
+[[dataset]]
+cache = false
+steady = [{ channel = "n", window = 5, tolerance = 1 }, { channel = "half", window = 1, tolerance = 0.5 }]
+"""
 TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", "1e999", "inf", '"', "é", "\t"]
 
 
@@ -221,7 +229,7 @@ TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", 
 @given(data=st.data())
 def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, data):
     text = (
-        sound_toml
+        sound_toml.replace("[[dataset]]", STEADY)
         + "\n[parameters.Gain]\nx = { input = 'Speed', count = 3 }\nbounds = [0, inf]\nlock = [{ x = [1, 2] }]\n"
     )
     for _ in range(data.draw(st.integers(1, 3))):
@@ -235,3 +243,29 @@ def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, da
     except InputError as error:
         findings += error.findings
     assert all(str(finding) and finding.place for finding in findings)
+
+
+def test_calculated_channels_may_stand_within_the_channels(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\ntwice = "2 * n"').add(
+        '[calculated]\nhalf = "n / 2"'
+    )
+    file = shop.project.file
+    assert file.channels == {"Speed": "n"}
+    assert file.calculated == {"twice": "2 * n", "half": "n / 2"}
+
+
+def test_a_channel_that_is_calculated_in_two_places_is_an_error(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\nhalf = "n / 2"').add('[calculated]\nhalf = "n / 3"')
+    assert (
+        shop.error() == "kennfeld.toml [channels] calculated half: the channel stands in [calculated] too. Remove one."
+    )
+
+
+def test_an_input_may_be_called_calculated(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\ncalculated = "Torque"')
+    assert shop.project.file.channels == {"Speed": "n", "calculated": "Torque"}
+
+
+def test_a_formula_that_is_no_text_is_an_error(shop):
+    shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\nhalf = 3')
+    assert "[channels] calculated half: 3 is no text" in shop.error()

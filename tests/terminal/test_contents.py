@@ -30,6 +30,21 @@ def test_a_recording_tells_its_time_and_what_is_left_out(written):
     assert "33.3%" in text
 
 
+def test_a_channel_tells_the_rate_of_its_own_values(written):
+    rows = "".join(f"{i / 10},{i},{i if i % 20 == 0 else ''},\n" for i in range(100))
+    found = contents(written("drive.csv", f"time [s],Speed,Oil,Empty\n{rows}"))
+    rates = {row[0]: row[2] for row in found.tables[0]}
+    assert rates == {"channel": "rate", "time": "10 Hz", "Speed": "10 Hz", "Oil": "every 2 s", "Empty": ""}
+    told = {c["name"]: c["rate"] for c in found.as_json["tables"][0]["channels"]}
+    assert told["Oil"] == pytest.approx(0.5)
+    assert told["Empty"] is None
+
+
+def test_points_without_time_have_no_rate(written):
+    found = contents(written("bench.csv", "Speed,Torque\n1000,80\n2000,90\n"))
+    assert "rate" not in found.tables[0][0]
+
+
 def test_a_recording_of_several_rasters_tells_each(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -43,6 +58,8 @@ def test_a_recording_of_several_rasters_tells_each(tmp_path):
             file.save(tmp_path / "drive.mf4")
     text = "\n".join(contents(tmp_path / "drive.mf4").lines())
     assert "channel in 10ms" in text
+    assert "100 Hz" in text
+    assert "1 Hz" in text
     assert "1s: time from 0 s to 4 s, a sample every 1 s" in text
     assert "0 = off" in text
     assert "1s: names that others have too on" in text

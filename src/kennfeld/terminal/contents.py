@@ -94,11 +94,18 @@ def _measurement(found: measurement.Description) -> Contents:
     tables, notes = [], []
     for table in found.tables:
         several = f" in {table.name}" if len(found.tables) > 1 and table.name else ""
-        rows: list[Sequence[str]] = [(f"channel{several}", "unit", "samples", "missing", "minimum", "maximum")]
-        rows += [
-            (c.name, c.unit, str(c.samples), f"{c.nan_share:.1%}", _number(c.minimum), _number(c.maximum))
-            for c in table.channels
+        rows: list[Sequence[str]] = [
+            (f"channel{several}", "unit", "rate", "samples", "missing", "minimum", "maximum"),
+            *(
+                (
+                    *(c.name, c.unit, _rate(c.rate), str(c.samples), f"{c.nan_share:.1%}"),
+                    *(_number(c.minimum), _number(c.maximum)),
+                )
+                for c in table.channels
+            ),
         ]
+        if not any(row[2] for row in rows[1:]):  # points without time
+            rows = [(*row[:2], *row[3:]) for row in rows]
         said = [c.description for c in table.channels]
         if any(said):
             rows = [(*row, more) for row, more in zip(rows, ["description", *said], strict=True)]
@@ -236,6 +243,17 @@ def _project(file: Path) -> Contents:
     notes += [f"surrogate {name}: {path}" for name, path in given.surrogates.items()]
     summary = f"{file.name}: project {project.name}, function {given.model.file}"
     return Contents(summary, [datasets, criteria, parameters], notes, as_json)
+
+
+def _rate(rate: float | None) -> str:
+    """How often a channel is sampled: 100 Hz, or every 5 s.
+
+    >>> _rate(100.0), _rate(0.2), _rate(None)
+    ('100 Hz', 'every 5 s', '')
+    """
+    if rate is None:
+        return ""
+    return f"{rate:.4g} Hz" if rate >= 0.999 else f"every {1 / rate:.4g} s"
 
 
 def _number(value: float | None) -> str:
