@@ -1,0 +1,265 @@
+"""Arithmetic: gains, sums, products, elementary functions."""
+
+import re
+
+import numpy as np
+
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.expressions import NoValueError, fold, matrix_product, towards_zero
+from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.site import Site, as_vector
+
+
+@block("Gain", Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")
+def gain(site: Site) -> Wired:
+    """K u, element by element or as matrices."""
+    kind = site.text("Multiplication")
+    u = site.input()
+    if kind.startswith("Element-wise"):
+        return site.call("mul", site.parameter("Gain"), u)
+    k = site.matrix("Gain")
+    column = u.nodes.reshape(-1, 1) if u.nodes.ndim == 1 else u.nodes
+    left, right = (column, k) if "u*K" in kind else (k, column)
+    if "u*K" in kind and u.nodes.ndim == 1:
+        left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
+    return _as_input(_product(site, left, right), u)
+
+
+def _as_input(made: Nodes, u: Signal) -> Signal:
+    return Signal(made.ravel() if u.nodes.ndim == 1 and 1 in made.shape else made, u.period)
+
+
+def _product(site: Site, left: Nodes, right: Nodes) -> Nodes:
+    if left.size == 1 or right.size == 1:
+        spread = np.broadcast_arrays(left, right)
+        made = [site.loom.call("mul", int(a), int(b)) for a, b in zip(spread[0].ravel(), spread[1].ravel(), strict=True)]
+        return np.array(made, dtype=np.int64).reshape(spread[0].shape)
+    if left.shape[1] != right.shape[0]:
+        raise UnsupportedError(f"matrices of {left.shape} and {right.shape} cannot be multiplied")
+    return matrix_product(site.loom, left, right)
+
+
+def _signs(site: Site, plus: str, minus: str) -> str:
+    """The signs of the inputs: as listed, or as many of the first as there are."""
+    written = site.text("Inputs").replace("|", "").replace(" ", "")
+    if written and set(written) <= {plus, minus}:
+        return written
+    return plus * site.whole("Inputs", 1, 1000)
+
+
+@block("Sum", Inputs="++", SampleTime="-1", CollapseMode="All dimensions", CollapseDim="1")
+def sum_of(site: Site) -> Wired:
+    """The inputs added and subtracted; a single one has its elements added up."""
+    signs = _signs(site, "+", "-")
+    if len(signs) == 1:
+        total = _collapsed(site, "add")
+        return total if signs == "+" else site.call("neg", total)
+    made = site.input(0) if signs[0] == "+" else site.call("neg", site.input(0))
+    for at, sign in enumerate(signs[1:], 1):
+        made = site.call("add" if sign == "+" else "sub", made, site.input(at))
+    return made
+
+
+def _collapsed(site: Site, op: str) -> Signal:
+    """The elements of the only input joined by an operation."""
+    u = site.input()
+    if u.nodes.ndim == 2 and site.text("CollapseMode") != "All dimensions":
+        axis = site.whole("CollapseDim", 1, 2) - 1
+        lines = u.nodes if axis == 1 else u.nodes.T
+        made = np.array([fold(site.loom, op, [int(n) for n in line]) for line in lines], dtype=np.int64)
+        return Signal(made.reshape((1, -1) if axis == 0 else (-1, 1)), u.period)
+    return Signal(np.array([fold(site.loom, op, u.flat)], dtype=np.int64), u.period)
+
+
+@block("Product", Inputs="2", Multiplication="Element-wise(.*)", SampleTime="-1", CollapseMode="All dimensions",
+       CollapseDim="1")  # fmt: skip
+def product(site: Site) -> Wired:
+    """The inputs multiplied and divided; a single one has its elements multiplied."""
+    signs = _signs(site, "*", "/")
+    if site.text("Multiplication").startswith("Matrix"):
+        return _matrices(site, signs)
+    if len(signs) == 1:
+        whole = _collapsed(site, "mul")
+        return whole if signs == "*" else site.call("div", site.constant(1.0), whole)
+    made = site.input(0) if signs[0] == "*" else site.call("div", site.constant(1.0), site.input(0))
+    for at, sign in enumerate(signs[1:], 1):
+        if at == 1 and signs[:2] == "/*":  # b/a rather than (1/a) b
+            made = site.call("div", site.input(1), site.input(0))
+        else:
+            made = site.call("mul" if sign == "*" else "div", made, site.input(at))
+    return made
+
+
+def _matrices(site: Site, signs: str) -> Signal:
+    if "/" in signs and any(one.size != 1 for one, sign in zip(site.inputs, signs, strict=False) if sign == "/"):
+        raise UnsupportedError("it inverts a matrix")
+    made = site.input(0).nodes
+    made = made.reshape(-1, 1) if made.ndim == 1 else made
+    for at, sign in enumerate(signs[1:], 1):
+        other = site.input(at).nodes
+        other = other.reshape(-1, 1) if other.ndim == 1 else other
+        if sign == "/":
+            other = np.array([[site.loom.call("div", site.loom.const(1.0), int(other.item()))]], dtype=np.int64)
+        made = _product(site, made, other)
+    period = fastest([one.period for one in site.inputs])
+    flat = all(one.nodes.ndim == 1 for one in site.inputs) or made.size == 1
+    return Signal(as_vector(made) if flat else made, period)
+
+
+@block("DotProduct")
+def dot_product(site: Site) -> Wired:
+    """The sum of the products of two vectors' elements."""
+    made = site.call("mul", site.input(0), site.input(1))
+    return Signal(np.array([fold(site.loom, "add", made.flat)], dtype=np.int64), made.period)
+
+
+@block("Bias", Bias="0")
+def bias(site: Site) -> Wired:
+    """u + bias"""
+    return site.call("add", site.input(), site.parameter("Bias"))
+
+
+@block("UnaryMinus", "Unary Minus")
+def unary_minus(site: Site) -> Wired:
+    """-u"""
+    return site.call("neg", site.input())
+
+
+@block("Abs", SampleTime="-1")
+def absolute(site: Site) -> Wired:
+    """|u|"""
+    return site.call("abs", site.input())
+
+
+@block("Signum", SampleTime="-1")
+def signum(site: Site) -> Wired:
+    """1, 0 or -1"""
+    return site.call("sign", site.input())
+
+
+@block("MinMax", Function="min", Inputs="1", SampleTime="-1")
+def minmax(site: Site) -> Wired:
+    """The least or greatest of the inputs; of a single one, of its elements."""
+    op = site.chosen("Function", "min", "max")
+    if site.count == 1:
+        u = site.input()
+        return Signal(np.array([fold(site.loom, op, u.flat)], dtype=np.int64), u.period)
+    return site.fold(op, site.inputs)
+
+
+@block("Math", Operator="exp", SampleTime="-1")
+def math(site: Site) -> Wired:
+    """An elementary function of one or two inputs."""
+    operator = site.text("Operator")
+    u = site.input()
+    one = site.constant(1.0)
+    match operator:
+        case "exp" | "log" | "log10" | "sqrt":
+            return site.call(operator, u)
+        case "10^u":
+            return site.call("pow", site.constant(10.0), u)
+        case "square" | "magnitude^2":
+            return site.call("mul", u, u)
+        case "conj":
+            return u
+        case "reciprocal":
+            return site.call("div", one, u)
+        case "pow":
+            return site.call("pow", u, site.input(1))
+        case "hypot":
+            v = site.input(1)
+            return site.call("sqrt", site.call("add", site.call("mul", u, u), site.call("mul", v, v)))
+        case "mod":
+            return site.call("mod", u, site.input(1))
+        case "rem":
+            return _remainder(site, u, site.input(1))
+        case "transpose" | "hermitian":
+            return Signal(u.nodes.T if u.nodes.ndim == 2 else u.nodes.reshape(1, -1), u.period)
+        case "rSqrt" | "1/sqrt":
+            return site.call("div", one, site.call("sqrt", u))
+    raise UnsupportedError(f"Operator is {operator!r}, which is not supported")
+
+
+def _remainder(site: Site, u: Signal, v: Signal) -> Signal:
+    """What is left of u after whole steps of v towards 0; u itself where v is 0."""
+    ratio = site.call("div", u, v)
+    whole = Signal(towards_zero(site.loom, ratio.nodes), ratio.period)
+    rest = site.call("sub", u, site.call("mul", whole, v))
+    return site.select(site.call("eq", v, site.constant(0.0)), u, rest)
+
+
+@block("Sqrt", Operator="sqrt", SampleTime="-1")
+def sqrt(site: Site) -> Wired:
+    """The square root, of the absolute value with the sign kept, or its reciprocal."""
+    u = site.input()
+    match site.chosen("Operator", "sqrt", "signedSqrt", "rSqrt"):
+        case "sqrt":
+            return site.call("sqrt", u)
+        case "signedSqrt":
+            zero = site.constant(0.0)
+            root = site.call("sqrt", site.call("abs", u))
+            return site.select(site.call("lt", u, zero), site.call("neg", root), root)
+    return site.call("div", site.constant(1.0), site.call("sqrt", u))
+
+
+@block("Rounding", Operator="floor")
+def rounding(site: Site) -> Wired:
+    """A whole number near the input."""
+    operator = site.chosen("Operator", "floor", "ceil", "round", "fix")
+    u = site.input()
+    return Signal(towards_zero(site.loom, u.nodes), u.period) if operator == "fix" else site.call(operator, u)
+
+
+@block("Trigonometry", Operator="sin", AngleUnit="radian", SampleTime="-1")
+def trigonometry(site: Site) -> Wired:
+    """A trigonometric or hyperbolic function."""
+    operator, u = site.text("Operator"), site.input()
+    if site.text("AngleUnit") != "radian":
+        raise UnsupportedError(f"AngleUnit is {site.text('AngleUnit')!r}, which is not supported")
+    match operator:
+        case "sin" | "cos" | "tan" | "asin" | "acos" | "atan" | "sinh" | "cosh" | "tanh":
+            return site.call(operator, u)
+        case "atan2":
+            return site.call("atan2", u, site.input(1))
+        case "sincos":
+            return site.call("sin", u), site.call("cos", u)  # type: ignore[return-value]
+        case "asinh":
+            root = site.call("sqrt", site.call("add", site.call("mul", u, u), site.constant(1.0)))
+            return site.call("log", site.call("add", u, root))
+        case "acosh":
+            root = site.call("sqrt", site.call("sub", site.call("mul", u, u), site.constant(1.0)))
+            return site.call("log", site.call("add", u, root))
+        case "atanh":
+            one = site.constant(1.0)
+            ratio = site.call("div", site.call("add", one, u), site.call("sub", one, u))
+            return site.call("mul", site.constant(0.5), site.call("log", ratio))
+    raise UnsupportedError(f"Operator is {operator!r}, which is not supported")
+
+
+@block("Polyval", Coefs="[1,2]", SampleTime="-1")
+def polynomial(site: Site) -> Wired:
+    """A polynomial by its coefficients, the highest power first."""
+    u, coefficients = site.input(), site.parameter("Coefs")
+    made: Signal | None = None
+    for node in coefficients.flat:
+        term = Signal(np.array([node], dtype=np.int64), coefficients.period)
+        made = term if made is None else site.call("add", site.call("mul", made, u), term)
+    if made is None:
+        raise UnsupportedError("it has no coefficients")
+    return made
+
+
+_INDEX = re.compile(r"\bu\s*\[\s*([^\]]*)\]")
+
+
+@block("Fcn", Expr="sin(u[1])", SampleTime="-1")
+def function(site: Site) -> Wired:
+    """An expression of the elements of its input, u or u[1], u[2], ..."""
+    text = _INDEX.sub(r"u(\1)", site.text("Expr"))
+    text = re.sub(r"!(?!=)", "~", text)
+    u = site.input()
+    try:
+        made = site.weaver.expressions.array(text, site.atom.scope, names={"u": u.nodes.reshape(-1, 1)})
+    except NoValueError as error:
+        raise UnsupportedError(f"its expression {text[:80]} cannot be built: {error}") from None
+    return Signal(made.ravel()[:1], u.period)  # u by itself is u[1]

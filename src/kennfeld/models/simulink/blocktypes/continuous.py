@@ -1,0 +1,151 @@
+"""Continuous states, which the solver advances."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.expressions import fold
+from kennfeld.models.simulink.signals import Nodes, Signal, Wired
+from kennfeld.models.simulink.site import Site
+
+__all__ = ["resetting"]
+
+
+def resetting(site: Site) -> str:
+    """The kind of external reset, "none" where there is none."""
+    kind = site.text("ExternalReset")
+    return "none" if kind.casefold() == "none" else kind
+
+
+def _integrator_needs(site: Site) -> Iterable[int]:
+    return range(1, site.count)
+
+
+@block("Integrator", needs=_integrator_needs, InitialCondition="0", InitialConditionSource="internal",
+       ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf", LowerSaturationLimit="-inf",
+       ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
+def integrator(site: Site) -> Wired:
+    """The integral of the input over time, reset on demand, within limits."""
+    for unusual in ("ShowSaturationPort", "WrapState"):
+        if site.on(unusual):
+            raise UnsupportedError(f"{unusual} is on, which is not supported")
+    kind = resetting(site)
+    external = site.text("InitialConditionSource") == "external"
+    init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
+    limits = None
+    if site.on("LimitOutput"):
+        limits = (site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit"))
+    reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
+    x = site.integrate(init, lambda _: site.input(0), reset, limits)
+    y = x if limits is None else site.clip(x, *limits)
+    return (y, y) if site.on("ShowStatePort") else y  # type: ignore[return-value]
+
+
+def reset_signal(site: Site, u: Signal, kind: str) -> Signal:
+    """1 where an external reset takes place."""
+    u, zero = site.discrete(u), site.constant(0.0)
+    if kind in ("rising", "falling", "either"):
+        return site.edge(u, kind)
+    if kind == "level hold":
+        return site.call("ne", u, zero)
+    if kind == "level":
+        before = site.remember(zero, lambda _: u)
+        return site.call("or", site.call("ne", u, zero), site.call("ne", before, zero))
+    raise UnsupportedError(f"ExternalReset is {kind!r}, which is not supported")
+
+
+@block("TransferFcn", needs=lambda site: _through(site), Numerator="[1]", Denominator="[1 2 1]")
+def transfer_function(site: Site) -> Wired:
+    """b(s)/a(s) in controllable form, from zero states."""
+    numerator, denominator = site.matrix("Numerator"), site.matrix("Denominator").ravel()
+    if numerator.shape[0] != 1:
+        raise UnsupportedError("its numerator has several rows, for several outputs")
+    order = denominator.size - 1
+    b = _padded(site, [int(n) for n in numerator.ravel()], order + 1)
+    lead = int(denominator[0])
+    a = [_over(site, int(node), lead) for node in denominator[1:]]
+    b = [_over(site, node, lead) for node in b]
+    if order == 0:
+        return site.call("mul", _one(b[0]), site.input())
+    A = np.full((order, order), site.loom.const(0.0), dtype=np.int64)
+    A[0, :] = [site.loom.call("neg", node) for node in a]
+    for row in range(1, order):
+        A[row, row - 1] = site.loom.const(1.0)
+    B = np.array([[site.loom.const(1.0)]] + [[site.loom.const(0.0)]] * (order - 1), dtype=np.int64)
+    gains = [site.loom.call("sub", b[i + 1], site.loom.call("mul", a[i], b[0])) for i in range(order)]
+    zeros = Signal(np.full((order,), site.loom.const(0.0), dtype=np.int64))
+    return _state_space(site, A, B, np.array([gains], dtype=np.int64), np.array([[b[0]]], dtype=np.int64), zeros)
+
+
+def _through(site: Site) -> Iterable[int]:
+    """A transfer function passes its input through where its numerator has the order of its denominator."""
+    return (0,) if site.matrix("Numerator").shape[1] >= site.matrix("Denominator").size else ()
+
+
+def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
+    if len(nodes) > count:
+        raise UnsupportedError("the order of its numerator is above that of its denominator")
+    return [site.loom.const(0.0)] * (count - len(nodes)) + nodes
+
+
+def _over(site: Site, node: int, lead: int) -> int:
+    return site.loom.call("div", node, lead)
+
+
+def _one(node: int) -> Signal:
+    return Signal(np.array([node], dtype=np.int64))
+
+
+@block("StateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
+       X0="0")  # fmt: skip
+def state_space(site: Site) -> Wired:
+    """x' = A x + B u, y = C x + D u"""
+    A, B, C, D = (site.matrix(name) for name in "ABCD")
+    key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
+    init = site.parameter(key)
+    first = Signal(np.full((A.shape[0],), init.flat[0], dtype=np.int64)) if init.size == 1 else init
+    if A.shape[0] != A.shape[1] or first.size != A.shape[0]:
+        raise UnsupportedError(f"A of {A.shape} and {first.size} initial values do not fit each other")
+    return _state_space(site, A, B, C, D, first)
+
+
+def _direct(site: Site) -> Iterable[int]:
+    return (0,) if any(site.loom.value(int(node)) != 0 for node in site.matrix("D").ravel()) else ()
+
+
+def _state_space(site: Site, A: Nodes, B: Nodes, C: Nodes, D: Nodes, init: Signal) -> Signal:
+    def slope(x: Signal) -> Signal:
+        return site.call("add", applied(site, A, x), applied(site, B, site.input()))
+
+    x = site.integrate(init, slope, None, None)
+    y = applied(site, C, x)
+    if all(site.loom.value(int(node)) == 0 for node in D.ravel()):
+        return y
+    return site.call("add", y, applied(site, D, site.input()))
+
+
+def applied(site: Site, matrix: Nodes, x: Signal) -> Signal:
+    """A matrix times a vector."""
+    if matrix.shape[1] != x.size:
+        raise UnsupportedError(f"a matrix of {matrix.shape} does not fit a vector of {x.size}")
+    rows = [
+        fold(site.loom, "add", [site.loom.call("mul", int(a), b) for a, b in zip(row, x.flat, strict=True)])
+        for row in matrix
+    ]
+    return Signal(np.array(rows, dtype=np.int64), x.period)
+
+
+@block("Derivative", CoefficientInTFapproximation="inf")
+def derivative(site: Site) -> Wired:
+    """The change of the input since the major step before over the time between; 0 at first."""
+    u = site.discrete(site.input())
+    before = site.remember(u, lambda _: u)
+    dt = Signal(np.array([site.loom.input("dt")], dtype=np.int64))
+    return site.call("div", site.call("sub", u, before), dt)
+
+
+@block("PID 1dof", "PID Controller")
+def pid_unsupported(site: Site) -> Wired:
+    """Not yet: its many forms differ."""
+    raise UnsupportedError("a PID controller block", "Draw it with gains and integrators, or bind its output.")

@@ -1,0 +1,294 @@
+"""Memories that are written at the hits of a sample time."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from kennfeld.models.simulink.blocktypes.continuous import applied, reset_signal, resetting
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.signals import Signal, Wired
+from kennfeld.models.simulink.site import Site
+
+
+@block("UnitDelay", needs=nothing, InitialCondition="0", SampleTime="1")
+def unit_delay(site: Site) -> Wired:
+    """The input of the hit before."""
+    init = site.parameter("InitialCondition" if site.atom.block.value("X0") is None else "X0")
+    return site.remember(init, lambda _: site.input())
+
+
+@block("Memory", needs=nothing, InitialCondition="0", InheritSampleTime="off")
+def memory(site: Site) -> Wired:
+    """The input of the major step before."""
+    init = site.parameter("InitialCondition" if site.atom.block.value("X0") is None else "X0")
+    return site.remember(init, lambda _: site.input())
+
+
+def _delay_needs(site: Site) -> Iterable[int]:
+    external = site.text("InitialConditionSource") != "Dialog"
+    return [site.count - 1] if external else [0] if site.text("DelayLength").strip() == "0" else []
+
+
+@block("Delay", needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", InitialCondition="0.0",
+       InitialConditionSource="Dialog", ExternalReset="None", ShowEnablePort="off", SampleTime="-1")  # fmt: skip
+def delay(site: Site) -> Wired:
+    """The input of some hits before."""
+    site.chosen("DelayLengthSource", "Dialog")
+    if site.on("ShowEnablePort") or resetting(site) != "none":
+        raise UnsupportedError("it has an enable or reset port")
+    external = site.text("InitialConditionSource") != "Dialog"
+    init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
+    return _delayed(site, init, site.whole("DelayLength", 0, 100_000))
+
+
+@block("Integer Delay", "IntegerDelay", needs=nothing, NumDelays="4", vinit="0.0", samptime="-1", InitialCondition="0.0")
+def integer_delay(site: Site) -> Wired:
+    """The input of some hits before, as older files have it."""
+    key = "vinit" if site.atom.block.value("InitialCondition") is None else "InitialCondition"
+    return _delayed(site, site.parameter(key), site.whole("NumDelays", 0, 100_000))
+
+
+def _delayed(site: Site, init: Signal, steps: int) -> Signal:
+    if steps == 0:
+        return site.input()
+    if init.size not in (1, steps):
+        raise UnsupportedError(f"it has {init.size} initial values for a delay of {steps} steps")
+    steady = site.weaver.runs_every_step(site.atom) and init.size == 1
+    if steady:
+        return site.remember(init, lambda _: site.input(), steps)
+    if steps > 2000:
+        raise UnsupportedError(f"a delay of {steps} steps that does not run in every step")
+    firsts = [Signal(np.array([node], dtype=np.int64), init.period) for node in init.flat] * (steps // init.size)
+    chain: list[Signal] = []
+    for at in range(steps):
+        chain.append(site.remember(firsts[at], _next(site, chain, at, steps)))
+    return chain[0]
+
+
+def _next(site: Site, chain: Sequence[Signal], at: int, steps: int):  # type: ignore[no-untyped-def]
+    return lambda _: chain[at + 1] if at + 1 < steps else site.input()
+
+
+@block("ZeroOrderHold", "Zero-Order Hold", SampleTime="1")
+def zero_order_hold(site: Site) -> Wired:
+    """The input as it was at the last hit."""
+    return site.discrete(site.input())
+
+
+@block("InitialCondition", Value="1", SampleTime="-1")
+def initial_condition(site: Site) -> Wired:
+    """A value in the first step, the input from the second on."""
+    zero, one = site.constant(0.0), site.constant(1.0)
+    begun = site.remember(zero, lambda _: one)
+    return site.select(begun, site.input(), site.parameter("Value"))
+
+
+_METHODS = {"ForwardEuler": "forward", "BackwardEuler": "backward", "Trapezoidal": "trapezoidal"}
+
+
+def _method(site: Site) -> tuple[str, bool]:
+    """The method of a discrete integrator, and whether it adds up without the sample time."""
+    written = site.text("IntegratorMethod").replace(" ", "")
+    kind, _, method = written.partition(":")
+    if not method:
+        kind, method = "Integration", kind
+    if method not in _METHODS or kind not in ("Integration", "Accumulation"):
+        raise UnsupportedError(f"IntegratorMethod is {written!r}, which is not supported")
+    return _METHODS[method], kind == "Accumulation"
+
+
+def _discrete_integrator_needs(site: Site) -> Iterable[int]:
+    return range(1 if _method(site)[0] == "forward" else 0, site.count)
+
+
+@block("DiscreteIntegrator", needs=_discrete_integrator_needs, IntegratorMethod="Integration: Forward Euler",
+       gainval="1.0", ExternalReset="none", InitialConditionSource="internal", InitialCondition="0",
+       InitialConditionSetting="Output", LimitOutput="off", UpperSaturationLimit="inf", LowerSaturationLimit="-inf",
+       ShowSaturationPort="off", ShowStatePort="off", SampleTime="1")  # fmt: skip
+def discrete_integrator(site: Site) -> Wired:
+    """K T u added up: with the rectangle before, the one behind, or the trapezium."""
+    for unusual in ("ShowSaturationPort", "ShowStatePort"):
+        if site.on(unusual):
+            raise UnsupportedError(f"{unusual} is on, which is not supported")
+    method, accumulates = _method(site)
+    external = site.text("InitialConditionSource") == "external"
+    init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
+    gain = site.parameter("gainval") if accumulates else site.call("mul", site.parameter("gainval"), _step(site))
+    kind = resetting(site)
+    reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
+    return _added_up(site, method, gain, init, reset)
+
+
+def _step(site: Site) -> Signal:
+    """The sample time of the block; in a triggered subsystem the time since it ran last would be needed."""
+    if site.weaver.is_triggered(site.atom):
+        raise UnsupportedError("it integrates over time in a triggered subsystem")
+    return site.step()
+
+
+def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal | None) -> Signal:
+    def limited(x: Signal) -> Signal:
+        if not site.on("LimitOutput"):
+            return x
+        return site.clip(x, site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit"))
+
+    def increment() -> Signal:
+        step = site.call("mul", gain, site.discrete(site.input(0)))
+        return site.call("mul", site.constant(0.5), step) if method == "trapezoidal" else step
+
+    made: list[Signal] = []
+
+    def then(_: Signal) -> Signal:
+        return made[0] if method == "backward" else limited(site.call("add", made[0], increment()))
+
+    x = site.remember(init, then)
+    anew = limited(init)
+    y = x if method == "forward" else site.call("add", x, increment())
+    if method != "forward" and site.text("InitialConditionSetting") in ("Output", "State and output"):
+        zero, one = site.constant(0.0), site.constant(1.0)
+        y = site.select(site.remember(zero, lambda _: one), y, init)
+    y = limited(y)
+    made.append(y if reset is None else site.select(reset, anew, y))
+    return made[0]
+
+
+def _first_order(site: Site) -> Iterable[int]:
+    """A filter passes its input through where its numerator has the order of its denominator."""
+    return (0,) if site.matrix("Numerator").size >= site.matrix("Denominator").size else ()
+
+
+@block("DiscreteTransferFcn", needs=_first_order, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
+       NumeratorSource="Dialog", DenominatorSource="Dialog", ExternalReset="None", SampleTime="-1")  # fmt: skip
+def discrete_transfer_function(site: Site) -> Wired:
+    """b(z)/a(z) in powers of z, the highest first."""
+    b, a = _coefficients(site)
+    if b.size > a.size:
+        raise UnsupportedError("the order of its numerator is above that of its denominator")
+    zero = site.loom.const(0.0)
+    return _direct_form(site, [zero] * (a.size - b.size) + b.flat, a.flat)
+
+
+@block("DiscreteFilter", Numerator="[1]", Denominator="[1 0.5]", InitialStates="0", NumeratorSource="Dialog",
+       DenominatorSource="Dialog", ExternalReset="None", SampleTime="-1")  # fmt: skip
+def discrete_filter(site: Site) -> Wired:
+    """b/a in powers of 1/z, the lowest first."""
+    b, a = _coefficients(site)
+    size = max(b.size, a.size)
+    zero = site.loom.const(0.0)
+    return _direct_form(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
+
+
+@block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", SampleTime="-1",
+       FirFiltStruct="Direct form")  # fmt: skip
+def fir_filter(site: Site) -> Wired:
+    """b in powers of 1/z, the lowest first."""
+    site.chosen("CoefSource", "Dialog", "Dialog parameters")
+    b = site.parameter("Coefficients").flat
+    return _direct_form(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
+
+
+def _coefficients(site: Site) -> tuple[Signal, Signal]:
+    site.chosen("NumeratorSource", "Dialog")
+    site.chosen("DenominatorSource", "Dialog")
+    if resetting(site) != "none":
+        raise UnsupportedError("it has a reset port")
+    return site.parameter("Numerator"), site.parameter("Denominator")
+
+
+def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
+    """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element."""
+    order = len(a) - 1
+    lead = a[0]
+    a, b = ([site.loom.call("div", node, lead) for node in one] for one in (a, b))
+    inits = site.parameter("InitialStates")
+    if inits.size not in (1, order) and order:
+        raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")
+    first = [Signal(np.array([node], dtype=np.int64)) for node in inits.flat] * (order if inits.size == 1 else 1)
+    made: list[Signal] = []
+    states: list[Signal] = []
+
+    def following(at: int):  # type: ignore[no-untyped-def]
+        return lambda _: current() if at == 0 else states[at - 1]
+
+    def current() -> Signal:
+        if not made:
+            w = site.discrete(site.input())
+            for node, state in zip(a[1:], states, strict=True):
+                w = site.call("sub", w, site.call("mul", _single(node), state))
+            made.append(w)
+        return made[0]
+
+    states += [site.remember(first[at], following(at)) for at in range(order)]
+    terms = [site.call("mul", _single(node), state) for node, state in zip(b[1:], states, strict=True)]
+    if site.loom.value(b[0]) != 0:
+        terms.insert(0, site.call("mul", _single(b[0]), current()))
+    return site.fold("add", terms) if terms else site.constant(0.0)
+
+
+def _single(node: int) -> Signal:
+    return Signal(np.array([node], dtype=np.int64), np.inf)
+
+
+@block("DiscreteStateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
+       X0="0", SampleTime="1")  # fmt: skip
+def discrete_state_space(site: Site) -> Wired:
+    """x of the next hit = A x + B u, y = C x + D u"""
+    A, B, C, D = (site.matrix(name) for name in "ABCD")
+    key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
+    init = site.parameter(key)
+    first = Signal(np.full((A.shape[0],), init.flat[0], dtype=np.int64)) if init.size == 1 else init
+    if A.shape[0] != A.shape[1] or first.size != A.shape[0]:
+        raise UnsupportedError(f"A of {A.shape} and {first.size} initial values do not fit each other")
+    x = site.remember(first, lambda x: site.call("add", applied(site, A, x), applied(site, B, site.input())))
+    y = applied(site, C, x)
+    return site.call("add", y, applied(site, D, site.input())) if _direct(site) else y
+
+
+def _direct(site: Site) -> tuple[int, ...]:
+    return (0,) if any(site.loom.value(int(node)) != 0 for node in site.matrix("D").ravel()) else ()
+
+
+@block("Discrete Derivative", gainval="1.0", ICPrevScaledInput="0.0")
+def discrete_derivative(site: Site) -> Wired:
+    """The change of K u / T since the hit before."""
+    scaled = site.call("div", site.call("mul", site.parameter("gainval"), site.discrete(site.input())), _step(site))
+    return site.call("sub", scaled, site.remember(site.parameter("ICPrevScaledInput"), lambda _: scaled))
+
+
+@block("Difference", ICPrevInput="0.0")
+def difference(site: Site) -> Wired:
+    """The change of the input since the hit before."""
+    u = site.discrete(site.input())
+    return site.call("sub", u, site.remember(site.parameter("ICPrevInput"), lambda _: u))
+
+
+@block("First Order Transfer Fcn", "First-Order Transfer Fcn", PoleZ="0.95", ICPrevOutput="0.0")
+def first_order(site: Site) -> Wired:
+    """y = p (y - u) + u"""
+    u, pole = site.discrete(site.input()), site.parameter("PoleZ")
+    made: list[Signal] = []
+    before = site.remember(site.parameter("ICPrevOutput"), lambda _: made[0])
+    made.append(site.call("add", site.call("mul", pole, site.call("sub", before, u)), u))
+    return made[0]
+
+
+@block("TransportDelay", needs=nothing, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
+def transport_delay(site: Site) -> Wired:
+    """The input of some time before, between two steps as a line."""
+    step = site.weaver.clock.step
+    time = site.number("DelayTime")
+    if step is None:
+        raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
+    count = time / step
+    whole = int(np.floor(count + 1e-9))
+    if not 1 <= whole <= 100_000:
+        raise UnsupportedError(f"a delay of {time:g} s is less than a step of {step:g} s, or far too many of them")
+    init = site.parameter("InitialOutput")
+    late = site.remember(init, lambda _: site.input(), whole)
+    share = count - whole
+    if abs(share) < 1e-9:
+        return late
+    later = site.remember(init, lambda _: late)
+    return site.call("add", late, site.call("mul", site.constant(share), site.call("sub", later, late)))
+
+

@@ -1,0 +1,267 @@
+"""Signals put together, taken apart and passed on."""
+
+import re
+
+import numpy as np
+
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.signals import Bus, Signal, Wired, common_shape, fastest, leaves
+from kennfeld.models.simulink.site import Site, resized
+
+
+@block("SignalConversion", "SignalSpecification", "RateTransition", "DataTypeConversion", "Convert 1-D to 2-D Sink")
+def passed(site: Site) -> Wired:
+    """The signal itself; number types are left aside, since values are physical."""
+    return site.wired(0)
+
+
+@block("Mux", Inputs="4")
+def mux(site: Site) -> Wired:
+    """All elements of all inputs in one vector."""
+    parts = [signal for at in range(site.count) for _, signal in leaves(site.wired(at))]
+    nodes = [node for part in parts for node in part.flat]
+    return Signal(np.array(nodes, dtype=np.int64), fastest([part.period for part in parts]))
+
+
+@block("Demux", Outputs="4")
+def demux(site: Site) -> tuple[Wired, ...]:
+    """The elements of a vector, each output as many as it is wide."""
+    wired = site.wired(0)
+    if isinstance(wired, Bus):
+        members = list(wired.members.values())
+        if len(members) == _outputs(site):
+            return tuple(members)
+        nodes = [node for _, signal in leaves(wired) for node in signal.flat]
+        wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
+    widths = _widths(site, wired.size)
+    ends = np.cumsum(widths)
+    flat = np.array(wired.flat, dtype=np.int64)
+    return tuple(Signal(part, wired.period) for part in np.split(flat, ends[:-1]))
+
+
+def _outputs(site: Site) -> int:
+    given = site.numbers("Outputs").ravel()
+    return int(given[0]) if given.size == 1 else int(given.size)
+
+
+def _widths(site: Site, size: int) -> list[int]:
+    given = [int(n) for n in site.numbers("Outputs").ravel()]
+    if len(given) > 1:
+        free = [at for at, width in enumerate(given) if width <= 0]
+        rest = size - sum(width for width in given if width > 0)
+        for at, width in zip(free, _shares(rest, len(free)), strict=True):
+            given[at] = width
+        if sum(given) != size or min(given) < 1:
+            raise UnsupportedError(f"a vector of {size} elements does not fit its outputs {given}")
+        return given
+    count = given[0] if given else 0
+    if not 1 <= count <= size:
+        raise UnsupportedError(f"a vector of {size} elements does not fit its {count} outputs")
+    return _shares(size, count)
+
+
+def _shares(size: int, count: int) -> list[int]:
+    """A number of elements shared out; the first get one more where it does not go up evenly."""
+    return [size // count + (at < size % count) for at in range(count)] if count else []
+
+
+@block("BusCreator", Inputs="2")
+def bus_creator(site: Site) -> Wired:
+    """A bus of its inputs, called by the names of their lines."""
+    stated = re.findall(r"'([^']*)'", site.text("Inputs"))
+    members: dict[str, Wired] = {}
+    for at in range(site.count):
+        name = site.atom.taken.get(at) or (stated[at] if at < len(stated) else "") or f"signal{at + 1}"
+        name = f"{name}{at + 1}" if name in members else name
+        members[name] = site.wired(at)
+    return Bus(members)
+
+
+@block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
+def bus_selector(site: Site) -> Wired | tuple[Wired, ...]:
+    """Signals of a bus by their names."""
+    wired = site.wired(0)
+    ways = [way.strip() for way in site.text("OutputSignals").split(",")]
+    found = [member_of(site, wired, way) for way in ways]
+    if site.on("OutputAsBus"):
+        return Bus({way.rpartition(".")[2]: one for way, one in zip(ways, found, strict=True)})
+    return tuple(found)
+
+
+def member_of(site: Site, wired: Wired, way: str) -> Wired:
+    """The part of a bus at the end of a way "a.b"."""
+    for name in way.split("."):
+        if not isinstance(wired, Bus):
+            raise UnsupportedError(f"it selects {way} of a signal that is no bus")
+        if name not in wired.members:
+            known = ", ".join(wired.members)
+            raise UnsupportedError(f"it selects {way}, but the bus has {known[:200]}")
+        wired = wired.members[name]
+    return wired
+
+
+@block("BusAssignment", AssignedSignals="")
+def bus_assignment(site: Site) -> Wired:
+    """A bus with some of its signals replaced."""
+    bus = site.wired(0)
+    for at, way in enumerate(site.text("AssignedSignals").split(","), 1):
+        member_of(site, bus, way.strip())
+        bus = _assigned(bus, way.strip().split("."), site.wired(at))
+    return bus
+
+
+def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
+    if not way or not isinstance(wired, Bus):
+        return new
+    return Bus({**wired.members, way[0]: _assigned(wired.members[way[0]], way[1:], new)})
+
+
+@block("Concatenate", Mode="Vector", ConcatenateDimension="1")
+def concatenate(site: Site) -> Wired:
+    """Vectors behind each other, or matrices along a dimension."""
+    inputs = site.inputs
+    period = fastest([one.period for one in inputs])
+    if site.chosen("Mode", "Vector", "Multidimensional array") == "Vector":
+        return Signal(np.array([node for one in inputs for node in one.flat], dtype=np.int64), period)
+    axis = site.whole("ConcatenateDimension", 1, 2) - 1
+    parts = [one.nodes if one.nodes.ndim == 2 else one.nodes.reshape(-1, 1) for one in inputs]
+    try:
+        return Signal(np.concatenate(parts, axis=axis), period)
+    except ValueError:
+        raise UnsupportedError(f"its inputs of the sizes {[p.shape for p in parts]} do not fit each other") from None
+
+
+@block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
+def reshape(site: Site) -> Wired:
+    """The same elements in another shape, columns first."""
+    x = site.input()
+    kind = site.chosen(
+        "OutputDimensionality", "1-D array", "Column vector (2-D)", "Row vector (2-D)", "Customize", "Derive from reference input port"
+    )
+    shapes = {"1-D array": (-1,), "Column vector (2-D)": (-1, 1), "Row vector (2-D)": (1, -1)}
+    if kind == "Derive from reference input port":
+        shape: tuple[int, ...] = site.input(1).shape
+    else:
+        shape = shapes.get(kind) or tuple(int(n) for n in site.numbers("OutputDimensions").ravel())
+    try:
+        return Signal(x.nodes.reshape(shape, order="F"), x.period)
+    except ValueError:
+        raise UnsupportedError(f"{x.size} elements do not fit the shape {list(shape)}") from None
+
+
+@block("Selector", NumberOfDimensions="1", IndexMode="One-based")
+def selector(site: Site) -> Wired:
+    """Elements of a vector or matrix by their places."""
+    x = site.input()
+    dimensions = site.whole("NumberOfDimensions", 1, 2)
+    options = re.findall(r"'([^']*)'", site.text("IndexOptions", "")) or _old_options(site, dimensions)
+    given = re.findall(r"'([^']*)'", site.text("IndexParamArray", "")) or [site.text("Elements", "")]
+    nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
+    if nodes.ndim != dimensions:
+        raise UnsupportedError(f"it selects from {dimensions} dimensions of a signal that has {nodes.ndim}")
+    port = 1
+    for axis, option in enumerate(options[:dimensions]):
+        text = given[axis] if axis < len(given) else ""
+        if option == "Index vector (port)":
+            nodes = _picked(site, nodes, axis, port)
+            port += 1
+        else:
+            nodes = np.take(nodes, _places(site, option, text, nodes.shape[axis], axis), axis=axis)
+    return Signal(nodes, fastest([one.period for one in site.inputs]))
+
+
+def _old_options(site: Site, dimensions: int) -> list[str]:
+    source = site.text("IndexIsStartValue", "off")
+    if site.text("ElementSrc", "Internal") != "Internal" or source == "on":
+        raise UnsupportedError("its places come from an input in a way that is not supported")
+    return ["Index vector (dialog)"] * dimensions
+
+
+def _places(site: Site, option: str, text: str, size: int, axis: int) -> list[int]:
+    """The places along a dimension, counted from 0."""
+    if option == "Select all":
+        return list(range(size))
+    if option not in ("Index vector (dialog)", "Starting index (dialog)"):
+        raise UnsupportedError(f"it selects by {option!r}, which is not supported")
+    first = 0 if site.text("IndexMode").startswith("Zero") else 1
+    places = [int(n) - first for n in site.evaluated(text).ravel()]
+    if option == "Starting index (dialog)":
+        sizes = re.findall(r"'([^']*)'", site.text("OutputSizeArray", ""))
+        count = int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
+        places = list(range(places[0], places[0] + count))
+    if places == [-1 - first]:
+        return list(range(size))
+    if not places or not all(0 <= place < size for place in places):
+        raise UnsupportedError(f"it selects {text[:60]} of {size} elements")
+    return places
+
+
+def _picked(site: Site, nodes: np.ndarray, axis: int, port: int) -> np.ndarray:  # type: ignore[type-arg]
+    """Elements whose places are signals: one of all, chosen by comparison."""
+    places = site.input(port)
+    first = 0.0 if site.text("IndexMode").startswith("Zero") else 1.0
+    slices = [np.take(nodes, at, axis=axis) for at in range(nodes.shape[axis])]
+    picked = []
+    for place in places.flat:
+        made = Signal(np.atleast_1d(slices[-1]))
+        for at in reversed(range(len(slices) - 1)):
+            limit = site.loom.const(at + 1.0 + first)
+            here = Signal(np.array([site.loom.call("lt", place, limit)], dtype=np.int64))
+            made = site.select(here, Signal(np.atleast_1d(slices[at])), made)
+        picked.append(made.nodes)
+    return np.stack([one.reshape(np.take(nodes, 0, axis=axis).shape) for one in picked], axis=axis)
+
+
+@block("ManualSwitch", CurrentSetting="1", sw="1")
+def manual_switch(site: Site) -> Wired:
+    """The input that the switch was left at."""
+    key = "CurrentSetting" if site.atom.block.value("CurrentSetting") is not None else "sw"
+    upper = site.number(key) != 0
+    return site.wired(0 if upper else 1)
+
+
+@block("Switch", Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
+def switch(site: Site) -> Wired:
+    """The first input where the second meets the criterion, else the third."""
+    criterion = site.chosen("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
+    u = site.input(1)
+    if criterion == "u2 ~= 0":
+        condition = site.call("ne", u, site.constant(0.0))
+    else:
+        condition = site.call("ge" if ">=" in criterion else "gt", u, site.parameter("Threshold"))
+    return chosen(site, condition, site.wired(0), site.wired(2))
+
+
+def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
+    """One of two signals or buses."""
+    if isinstance(yes, Signal) and isinstance(no, Signal):
+        return site.select(condition, yes, no)
+    if isinstance(yes, Bus) and isinstance(no, Bus) and yes.members.keys() == no.members.keys():
+        return Bus({name: chosen(site, condition, yes.members[name], no.members[name]) for name in yes.members})
+    raise UnsupportedError("it chooses between a bus and what is none, or between different buses")
+
+
+@block("MultiPortSwitch", Inputs="3", DataPortOrder="One-based contiguous", DataPortIndices="{1,2,3}", SampleTime="-1",
+       DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
+def multiport_switch(site: Site) -> Wired:
+    """One of several inputs by the number at the first; the last one for any number beyond."""
+    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous")
+    first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+    index = site.input(0)
+    data = [site.wired(at) for at in range(1, site.count)]
+    if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
+        only = data[0]
+        data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
+    made = data[-1]
+    for at in reversed(range(len(data) - 1)):
+        limit = site.constant(float(at + 1 + first))
+        made = chosen(site, site.call("lt", index, limit), data[at], made)
+    return made
+
+
+def widened(site: Site, one: Signal, other: Signal) -> tuple[Signal, Signal]:
+    """Two signals in their common shape."""
+    shape = common_shape(one.shape, other.shape)
+    if shape is None:
+        raise UnsupportedError(f"sizes {one.shape} and {other.shape} do not fit each other")
+    return Signal(resized(one.nodes, shape), one.period), Signal(resized(other.nodes, shape), other.period)

@@ -1,0 +1,462 @@
+"""Blocks to graph: every block in the order of its inputs, memories closed when all else is there.
+
+Sizes and sample times of memories that are fed back are not known when they are first read: they are guessed, and the
+graph is built again with what was found until nothing changes.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
+from kennfeld.models.simulink.declared import Declared
+from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
+from kennfeld.models.simulink.flatten import Atom, Flat, Source
+from kennfeld.models.simulink.integration import Integrated, advance
+from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
+from kennfeld.models.simulink.scopes import Scope, Variable
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.site import Site, resized
+
+__all__ = ["Failure", "Weaver"]
+
+_MOST_PASSES = 60
+
+
+class Failure(NamedTuple):
+    """Why a block could not be built, and what would unblock it."""
+
+    atom: Atom
+    why: str
+    mend: str = ""
+
+
+@dataclass
+class Guesses:
+    """What an earlier pass found of the memories: their shapes, and the sample times of their blocks."""
+
+    shapes: dict[tuple[Atom, int], tuple[int, ...]] = field(default_factory=dict)
+    periods: dict[Atom, float] = field(default_factory=dict)
+    early: set[tuple[Atom, Atom]] = field(default_factory=set)
+    changed: bool = False
+
+    def shape(self, key: tuple[Atom, int], found: tuple[int, ...]) -> None:
+        if self.shapes.get(key) != found:
+            self.shapes[key] = found
+            self.changed = True
+
+    def period(self, atom: Atom, found: float) -> None:
+        if self.periods.get(atom, CONTINUOUS) != found:
+            self.periods[atom] = found
+            self.changed = True
+
+
+class Weaver:
+    """One pass over the blocks. `bound` gives the nodes of blocks that are cut, `clock` the steps of the model."""
+
+    def __init__(
+        self, flat: Flat, clock: Clock, promoted: Iterable[str], bound: Callable[["Weaver", Atom], Wired], guesses: Guesses
+    ) -> None:
+        self.flat = flat
+        self.clock = clock
+        self.bound = bound
+        self.guesses = guesses
+        self.loom = Loom()
+        self.declared = Declared(frozenset(promoted))
+        self.expressions = Expressions(self.loom, self.declared)
+        self.failures: dict[Atom, Failure] = {}
+        self.loops: list[tuple[Atom, ...]] = []
+        self.integrated: list[Integrated] = []
+        self.inputs: dict[str, Atom] = {}
+        self._values: dict[Atom, tuple[Wired, ...]] = {}
+        self._sites: dict[Atom, Site] = {}
+        self._begun: set[Atom] = set()
+        self._pending: list[tuple[Atom, Callable[[], None]]] = []
+
+    # order
+
+    def demand(self, atoms: Iterable[Atom]) -> None:
+        """Build blocks and all that they need, memories included."""
+        for atom in atoms:
+            self._visit(atom)
+        while self._pending:
+            atom, complete = self._pending.pop(0)
+            for needed in self._all_inputs(atom):
+                self._visit(needed)
+            complete()
+
+    def finish(self, solver: str) -> None:
+        """Advance the continuous states, now that everything they depend on is there."""
+        advance(self.loom, self.integrated, solver)
+
+    def _all_inputs(self, atom: Atom) -> list[Atom]:
+        found = [source.atom for source in atom.inputs if source is not None]
+        here = atom.control
+        return [*found, here] if here is not None else found
+
+    def _visit(self, root: Atom) -> None:
+        stack = [root]
+        while stack:
+            atom = stack[-1]
+            if atom in self._values:
+                stack.pop()
+                continue
+            self._begun.add(atom)
+            missing = [needed for needed in self._needed(atom) if needed not in self._values]
+            if not missing:
+                self._values[atom] = self._built(atom)
+                stack.pop()
+                continue
+            looped = next((needed for needed in missing if needed in self._begun), None)
+            if looped is not None:
+                begun = [one for one in stack if one in self._begun and one not in self._values]
+                self._loop(tuple(dict.fromkeys(begun[begun.index(looped) :])))
+            else:
+                stack.extend(reversed(missing))
+
+    def _loop(self, atoms: tuple[Atom, ...]) -> None:
+        """Note an algebraic loop; one of its blocks gets a signal that stands in."""
+        self.loops.append(atoms)
+        self._values[atoms[0]] = self._unsound(atoms[0])
+
+    def _needed(self, atom: Atom) -> list[Atom]:
+        site, kind = self.site(atom), self.kind(atom)
+        try:
+            wanted = range(len(atom.inputs)) if kind is None or kind.needs is None else kind.needs(site)
+            sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
+        except UnsupportedError as unsupported:
+            self._fail(atom, unsupported.what, unsupported.mend)
+            return []
+        found = [source.atom for source in sources if source is not None]
+        if atom.kind in ("Held", "Control") or self._resets(atom):
+            found += [atom.control] if atom.control is not None else []
+        return [*found, *self.before(atom)]
+
+    def before(self, atom: Atom) -> list[Atom]:
+        """Further blocks that must come before a block: the writers of the data it reads."""
+        return []
+
+    # blocks
+
+    def kind(self, atom: Atom) -> Kind | None:
+        """What the registry knows of a block's type."""
+        return KINDS.get(atom.kind)
+
+    def site(self, atom: Atom) -> Site:
+        """The site of a block."""
+        if atom not in self._sites:
+            self._sites[atom] = Site(self, atom)
+        return self._sites[atom]
+
+    def value(self, source: Source) -> Wired:
+        """The signal of a block's output; the block has been built already."""
+        outputs = self._values.get(source.atom)
+        if outputs is None:
+            raise UnsupportedError(f"its input from {source.atom.path} comes too late")
+        if not 0 <= source.port < len(outputs):
+            return self._nan()
+        return outputs[source.port]
+
+    def outputs(self, atom: Atom) -> tuple[Wired, ...]:
+        """The outputs of a block that has been built; none of others."""
+        return self._values.get(atom, ())
+
+    def _built(self, atom: Atom) -> tuple[Wired, ...]:
+        kind = self.kind(atom)
+        if atom in self.failures:
+            return self._unsound(atom)
+        if kind is None:
+            self._fail(atom, f"blocks of type {atom.kind} are not supported" if not atom.why else f"it is {atom.why}")
+            return self._unsound(atom)
+        if any(not wired.sound for wired in self._arriving(atom)):
+            return self._unsound(atom)
+        try:
+            made = kind.rule(self.site(atom))
+        except UnsupportedError as unsupported:
+            self._fail(atom, unsupported.what, unsupported.mend)
+            return self._unsound(atom)
+        outputs = made if isinstance(made, tuple) else (made,)
+        return tuple(self._sampled(atom, wired) for wired in outputs)
+
+    def _arriving(self, atom: Atom) -> list[Wired]:
+        return [self.value(s) for s in atom.inputs if s is not None and s.atom in self._values]
+
+    def _fail(self, atom: Atom, what: str, mend: str = "") -> None:
+        self.failures.setdefault(atom, Failure(atom, what, mend))
+
+    def _nan(self) -> Signal:
+        return Signal(np.array([self.loom.const(float("nan"))], dtype=np.int64), CONSTANT, sound=False)
+
+    def _unsound(self, atom: Atom) -> tuple[Wired, ...]:
+        count = atom.block.ports.outputs if atom.block.ports is not None else 1
+        return tuple(self._nan() for _ in range(max(count, 1)))
+
+    # parameters
+
+    def promoted(self, name: str, text: str, scope: Scope) -> Nodes:
+        """The nodes of a literal that is a parameter by its block and field."""
+        numbers = self.expressions.numbers(text, scope)
+        return self.declared.array(self.loom, name, Variable(numbers, source="a literal of the block"))
+
+    # time
+
+    def rate(self, atom: Atom) -> Rate | None:
+        """The sample time that a block states by itself; None where it inherits."""
+        try:
+            return stated_rate(atom, self.expressions, self.kind(atom))
+        except NoValueError as error:
+            self._fail(atom, f"its sample time has no value: {error}")
+            return None
+
+    def stated_period(self, atom: Atom) -> float | None:
+        """The period of the sample time that a block states in s; None where it inherits."""
+        found = self.rate(atom)
+        return None if found is None else found.period
+
+    def guessed_period(self, atom: Atom) -> float:
+        """The period that a block inherits from its inputs, as an earlier pass found it."""
+        return self.guesses.periods.get(atom, CONTINUOUS)
+
+    def _sampled(self, atom: Atom, wired: Wired) -> Wired:
+        """An output as it is with the block's own sample time: held between its hits."""
+        rate = self.rate(atom)
+        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, Bus):
+            return wired
+        if wired.period == rate.period or wired.period == CONSTANT:
+            return replace(wired, period=rate.period)
+        return self._held(atom, wired, rate)
+
+    def _held(self, atom: Atom, wired: Signal, rate: Rate) -> Signal:
+        wired = self.at_major(wired)
+        hit = self.clock.hit(self.loom, rate)
+        if hit is None:
+            return replace(wired, period=rate.period)
+        made = []
+        for node in wired.flat:
+            before = self.loom.state()
+            y = self.loom.call("select", hit, node, before)
+            self.loom.close(before, node, y)
+            made.append(y)
+        nodes = np.array(made, dtype=np.int64).reshape(wired.shape, order="F")
+        return Signal(nodes, rate.period)
+
+    def at_major(self, x: Signal) -> Signal:
+        """A signal that keeps, within the minor steps of the solver, its value of the major step."""
+        if x.period != CONTINUOUS or not self.clock.continuous:
+            return x
+        made = [self.major(int(node)) for node in x.nodes.ravel()]
+        return replace(x, nodes=np.array(made, dtype=np.int64).reshape(x.shape))
+
+    def major(self, node: int) -> int:
+        """A node that keeps its value of the major step within the minor steps."""
+        if not self.clock.continuous or self.loom.nodes[node].op in ("const", "state", "major"):
+            return node
+        return self.loom.node("major", (node,))
+
+    # memory
+
+    def _resets(self, atom: Atom) -> bool:
+        return atom.control is not None and resets(atom.control)
+
+    def active(self, atom: Atom) -> int | None:
+        """The node that says whether a block runs; None where it always does."""
+        if atom.control is None:
+            return None
+        found = self.value(Source(atom.control, 0))
+        return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
+
+    def gate(self, atom: Atom, period: float) -> int | None:
+        """The node that says whether a block's memory is written; None where it always is."""
+        conditions = [self.active(atom)]
+        rate = self.rate(atom) or Rate(period)
+        if rate.period not in (CONTINUOUS, CONSTANT):
+            conditions.append(self.clock.hit(self.loom, rate))
+        return self.both(*conditions)
+
+    def both(self, *conditions: int | None) -> int | None:
+        """The node that says whether all conditions hold; None where there are none."""
+        found: int | None = None
+        for condition in conditions:
+            if condition is not None:
+                found = condition if found is None else self.loom.call("and", found, condition)
+        return found
+
+    def signal(self, source: Source) -> Signal:
+        """The signal of a block's output, which is no bus."""
+        found = self.value(source)
+        if isinstance(found, Bus):
+            raise UnsupportedError(f"the output of {source.atom.path} is a bus")
+        return found
+
+    def always(self, site: Site, init: Signal, x: Signal) -> Signal:
+        """A signal of the step before, whether or not the subsystem around the block runs."""
+        return self.always_later(site, init, lambda: x)
+
+    def always_later(self, site: Site, init: Signal, x: Callable[[], Signal]) -> Signal:
+        """As `always`, of a signal that is made later."""
+        states = [self.loom.state() for _ in range(init.size)]
+
+        def complete() -> None:
+            nodes = self.at_major(x()).nodes.ravel()
+            for state, first, node in zip(states, init.nodes.ravel(), nodes, strict=True):
+                self.loom.close(state, int(first), int(node))
+
+        self._pending.append((site.atom, complete))
+        return Signal(np.array(states, dtype=np.int64).reshape(init.shape), CONTINUOUS)
+
+    def is_triggered(self, atom: Atom) -> bool:
+        """Whether a block is in a subsystem that runs at triggers."""
+        here = atom.control
+        while here is not None:
+            if "trigger" in here.special:
+                return True
+            here = here.control
+        return False
+
+    def runs_every_step(self, atom: Atom) -> bool:
+        """Whether a block's memory is written in every step of the model."""
+        rate = self.rate(atom) or Rate(self.guessed_period(atom))
+        every = rate.period in (CONTINUOUS, CONSTANT) or self.clock.hit(self.loom, rate) is None
+        return atom.control is None and every
+
+    def hits(self, period: float) -> Signal:
+        """1 at the hits of a sample time."""
+        node = self.clock.hit(self.loom, Rate(period)) if period > 0 else None
+        return Signal(np.array([self.loom.const(1.0) if node is None else node], dtype=np.int64), max(period, 0.0))
+
+    def remember(self, site: Site, number: int, init: Signal, then: Callable[[Signal], Signal], latency: int) -> Signal:
+        """A memory of a block that is read now and written at the end of the step."""
+        atom, key = site.atom, (site.atom, number)
+        shape = self.guesses.shapes.get(key, init.shape)
+        try:
+            first = resized(init.nodes, shape)
+        except ValueError:
+            shape, first = init.shape, init.nodes
+        states = [self.loom.state(latency) for _ in range(first.size)]
+        period = site.period()
+        read = Signal(np.array(states, dtype=np.int64).reshape(shape), period if period else CONTINUOUS)
+        seen = self._restarted(atom, read, first)
+
+        def complete() -> None:
+            self._close(site, key, states, first, seen, then)
+
+        self._pending.append((atom, complete))
+        return replace(seen, period=period or CONTINUOUS)
+
+    def _restarted(self, atom: Atom, read: Signal, first: Nodes) -> Signal:
+        """A memory that begins anew when the subsystem around it is enabled again."""
+        if atom.control is None or not self._resets(atom):
+            return read
+        begins = self.value(Source(atom.control, 1))
+        assert isinstance(begins, Signal)
+        return replace(read, nodes=each(self.loom, "select", begins.nodes, first, read.nodes))
+
+    def _close(
+        self,
+        site: Site,
+        key: tuple[Atom, int],
+        states: Sequence[int],
+        first: Nodes,
+        seen: Signal,
+        then: Callable[[Signal], Signal],
+    ) -> None:
+        new = seen
+        try:
+            if all(wired.sound for wired in self._arriving(site.atom)):
+                new = self.at_major(then(seen))
+        except UnsupportedError as unsupported:
+            self._fail(site.atom, unsupported.what, unsupported.mend)
+        self.guesses.period(site.atom, self._inherited(site))
+        if new.shape != seen.shape:
+            if new.size == 1:
+                new = replace(new, nodes=resized(new.nodes, seen.shape))
+            else:
+                self.guesses.shape(key, new.shape)
+                new = seen
+        gate = self.gate(site.atom, site.period())
+        for state, init, node, old in zip(states, first.ravel(), new.nodes.ravel(), seen.nodes.ravel(), strict=True):
+            kept = int(node) if gate is None else self.loom.call("select", gate, int(node), int(old))
+            self.loom.close(state, int(init), kept)
+
+    def _inherited(self, site: Site) -> float:
+        """The sample time of a block's inputs."""
+        found = fastest([wired.period for wired in self._arriving(site.atom)])
+        return CONTINUOUS if found == CONSTANT else found
+
+    def integrate(
+        self,
+        site: Site,
+        number: int,
+        init: Signal,
+        slope: Callable[[Signal], Signal],
+        reset: Signal | None,
+        limits: tuple[Signal, Signal] | None,
+    ) -> Signal:
+        """A continuous state as it is now: the solver advances it at the end of the step."""
+        key = (site.atom, number)
+        shape = self.guesses.shapes.get(key, init.shape)
+        first = resized(init.nodes, shape) if init.size in (1, int(np.prod(shape))) else init.nodes
+        states = [self.loom.state() for _ in range(first.size)]
+        read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), CONTINUOUS)
+        seen = self._restarted(site.atom, read, first)
+        if reset is not None:
+            nodes = each(self.loom, "select", self.at_major(reset).nodes, first, seen.nodes)
+            seen = replace(seen, nodes=nodes)
+
+        def complete() -> None:
+            self._slopes(site, key, states, first, seen, slope, limits)
+
+        self._pending.append((site.atom, complete))
+        return seen
+
+    def _slopes(
+        self,
+        site: Site,
+        key: tuple[Atom, int],
+        states: Sequence[int],
+        first: Nodes,
+        seen: Signal,
+        slope: Callable[[Signal], Signal],
+        limits: tuple[Signal, Signal] | None,
+    ) -> None:
+        rates = replace(seen, nodes=np.full(seen.shape, self.loom.const(0.0), dtype=np.int64))
+        try:
+            if all(wired.sound for wired in self._arriving(site.atom)):
+                rates = slope(seen)
+        except UnsupportedError as unsupported:
+            self._fail(site.atom, unsupported.what, unsupported.mend)
+        if rates.size > 1 and rates.shape != seen.shape:
+            self.guesses.shape(key, rates.shape)
+            rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
+        moving = resized(rates.nodes, seen.shape).ravel()
+        low, high = ((None, None) if limits is None else tuple(resized(x.nodes, seen.shape).ravel() for x in limits))
+        active = self.active(site.atom)
+        for at, state in enumerate(states):
+            bounds = (None, None) if low is None or high is None else (int(low[at]), int(high[at]))
+            made = Integrated(state, int(first.ravel()[at]), int(seen.nodes.ravel()[at]), int(moving[at]), bounds, active)
+            self.integrated.append(made)
+
+
+def resets(control: Atom) -> bool:
+    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
+    for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
+        if port in control.special and (control.special[port].value(key) or "held") == "reset":
+            return True
+    trigger = control.special.get("trigger")
+    return trigger is not None and (trigger.value("StatesWhenEnabling") or "inherit") == "reset" and "enable" in control.special
+
+
+def settled(make: Callable[[Guesses], Weaver], goals: Mapping[str, Atom] | Iterable[Atom]) -> Weaver:
+    """The pass in which every guess was right."""
+    guesses = Guesses()
+    weaver = make(guesses)
+    for _ in range(_MOST_PASSES):
+        guesses.changed = False
+        weaver = make(guesses)
+        weaver.demand(goals.values() if isinstance(goals, Mapping) else goals)
+        if not guesses.changed:
+            break
+    return weaver

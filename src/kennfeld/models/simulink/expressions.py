@@ -1,0 +1,381 @@
+"""MATLAB expressions over graph nodes, so that derivatives with respect to named variables stay exact.
+
+What the graph cannot say (ranges, functions of whole arrays) is evaluated as numbers instead; the variables in it are
+then fixed, and `Expressions.frozen` tells which.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from functools import reduce
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.declared import Declared
+from kennfeld.models.simulink.scopes import Array, Masked, Scope, Value, Variable
+from kennfeld.models.simulink.signals import Nodes
+
+__all__ = ["BINARY", "Expressions", "NoValueError", "each", "fold", "matrix_product", "part_of", "towards_zero", "way_of"]
+
+Held: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
+
+
+class NoValueError(Exception):
+    """An expression has no value here; the text says why."""
+
+
+class _BeyondGraphError(Exception):
+    """An expression that only numbers can tell."""
+
+
+BINARY: Final = {
+    "+": "add", "-": "sub", ".*": "mul", "./": "div", ".^": "pow", "==": "eq", "~=": "ne", "!=": "ne", "<": "lt",
+    "<=": "le", ">": "gt", ">=": "ge", "&": "and", "|": "or", "&&": "and", "||": "or",
+}  # fmt: skip
+_PLAIN: Final = (
+    "sin cos tan asin acos atan sinh cosh tanh exp log log10 sqrt abs floor ceil round sign atan2 mod".split()
+)
+_CONSTANTS: Final = {
+    "pi": math.pi, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "eps": 2.0**-52, "true": 1.0,
+    "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),
+}  # fmt: skip
+_CASTS: Final = (
+    "double single boolean logical int8 int16 int32 int64 uint8 uint16 uint32 uint64".split()
+)  # physical values are kept
+
+
+def each(loom: Loom, op: str, *args: Nodes) -> Nodes:
+    """An operation element by element, arrays expanded against each other."""
+    spread = np.broadcast_arrays(*args)
+    made = [loom.call(op, *(int(a) for a in parts)) for parts in zip(*(a.ravel() for a in spread), strict=True)]
+    return np.array(made, dtype=np.int64).reshape(spread[0].shape)
+
+
+class Expressions:
+    """Turns the expressions of block parameters into arrays of graph nodes."""
+
+    def __init__(self, loom: Loom, declared: Declared) -> None:
+        self.loom = loom
+        self.declared = declared
+        self.frozen: dict[str, str] = {}
+        self._known: dict[tuple[str, int, bool], Held] = {}
+
+    def array(self, text: str, scope: Scope, live: bool = True, names: Mapping[str, Nodes] | None = None) -> Nodes:
+        """The nodes of an expression, Int[rows, columns]; with `live`, named variables are looked up.
+
+        `names` are names that stand for nodes of their own, such as the u of a function block.
+        Raises `NoValueError`.
+        """
+        return _nodes(self.held(text, scope, live, names), text)
+
+    def numbers(self, text: str, scope: Scope) -> Array:
+        """The numbers of an expression, Float[rows, columns]; raises `NoValueError`."""
+        return self.values(self.array(text, scope, live=False), text)
+
+    def tree_numbers(self, tree: m.Expression, scope: Scope) -> Array:
+        """The numbers of an expression that is a tree already; raises `NoValueError`."""
+        try:
+            return self.values(_Walk(self, scope, False, {}).nodes(tree))
+        except _BeyondGraphError as beyond:
+            raise NoValueError(str(beyond)) from None
+
+    def values(self, nodes: Nodes, text: str = "it") -> Array:
+        """The numbers of constant nodes; raises `NoValueError` where one is no constant."""
+        found = [self.loom.value(int(node)) for node in nodes.ravel()]
+        if None in found:
+            raise NoValueError(f"{text.strip()[:80]} is no constant")
+        return np.array(found, dtype=np.float64).reshape(nodes.shape)
+
+    def held(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None = None) -> Held:
+        """The value of an expression, whatever it is; raises `NoValueError`."""
+        key = (text, id(scope), live)
+        if names is not None or key not in self._known:
+            value = self._evaluated(text, scope, live, names)
+            if names is not None:
+                return value
+            self._known[key] = value
+        return self._known[key]
+
+    def _evaluated(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None) -> Held:
+        if not text.strip():
+            raise NoValueError("it is empty")
+        try:
+            tree = parse_expression(text)
+            try:
+                return _Walk(self, scope, live, names or {}).value(tree)
+            except _BeyondGraphError as beyond:
+                return self._fixed(text, tree, scope, live, names, str(beyond))
+        except InputError as error:
+            raise NoValueError(str(error.findings[0])) from None
+        except RecursionError:
+            raise NoValueError(f"{text.strip()[:60]} refers to itself or is nested too deeply") from None
+
+    def _fixed(
+        self, text: str, tree: m.Expression, scope: Scope, live: bool, names: Mapping[str, Nodes] | None, why: str
+    ) -> Held:
+        """The value as numbers, by the evaluator of MATLAB expressions."""
+        from kennfeld.models.simulink.numbers import evaluated
+
+        if names:
+            raise NoValueError(why)
+        given = evaluated(tree, text, lambda name: self._number(name, scope))
+        if live and any(isinstance(scope.find(name), (Variable, Masked)) for name in given.names):
+            self.frozen[text.strip()] = why
+        return self.constant(given.value)
+
+    def _number(self, name: str, scope: Scope) -> Value | None:
+        found = scope.find(name)
+        if found is None:
+            return None
+        if isinstance(found, Variable):
+            return found.value
+        if not found.evaluated:
+            return found.text
+        held = self.held(found.text, found.outside, False)
+        return self.values(held) if isinstance(held, np.ndarray) else held
+
+    def constant(self, value: Value) -> Held:
+        """A value as constants of the graph."""
+        if not isinstance(value, np.ndarray):
+            return value
+        made = [self.loom.const(float(number)) for number in value.ravel()]
+        return np.atleast_2d(np.array(made, dtype=np.int64).reshape(value.shape))
+
+    def name(self, name: str, scope: Scope, live: bool) -> Held:
+        """What a name stands for; raises `NoValueError` where it stands for nothing."""
+        found = scope.find(name)
+        if isinstance(found, Masked):
+            return self._masked(found, live)
+        if isinstance(found, Variable):
+            return self.variable(name, found, live)
+        if name in _CONSTANTS:
+            return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
+        raise NoValueError(f"{name} is defined nowhere")
+
+    def _masked(self, found: Masked, live: bool) -> Held:
+        if not found.evaluated:
+            return found.text
+        if live and found.field in self.declared.promoted:
+            numbers = self.numbers(found.text, found.outside)
+            return self.declared.array(self.loom, found.field, Variable(numbers, source="a mask"))
+        return self.held(found.text, found.outside, live)
+
+    def variable(self, name: str, found: Variable, live: bool) -> Held:
+        """A variable, looked up or as constants; parts of a struct are told from each other by their names."""
+        if isinstance(found.value, np.ndarray) and live:
+            return self.declared.array(self.loom, name, found)
+        return self.constant(found.value)
+
+
+class _Walk:
+    def __init__(self, of: Expressions, scope: Scope, live: bool, names: Mapping[str, Nodes]) -> None:
+        self.of, self.scope, self.live, self.names = of, scope, live, names
+        self.loom = of.loom
+
+    def value(self, tree: m.Expression) -> Held:
+        match tree:
+            case m.Number(value, ""):
+                return np.array([[self.loom.const(value)]], dtype=np.int64)
+            case m.Text():
+                return tree.value
+            case m.Name(name):
+                return self.names[name] if name in self.names else self.of.name(name, self.scope, self.live)
+            case m.Field():
+                return self._field(tree)
+            case m.Unary(operator, operand):
+                return self._unary(operator, self.nodes(operand))
+            case m.Binary(operator, left, right):
+                return self._binary(operator, self.nodes(left), self.nodes(right))
+            case m.Transpose(operand):
+                return self.nodes(operand).T
+            case m.Matrix(rows):
+                return self._matrix(rows)
+            case m.Call():
+                return self._call(tree)
+        raise _BeyondGraphError(f"{type(tree).__name__} is none of what a graph can say")
+
+    def nodes(self, tree: m.Expression) -> Nodes:
+        return _nodes(self.value(tree), "it")
+
+    def _unary(self, operator: str, operand: Nodes) -> Nodes:
+        if operator == "+":
+            return operand
+        return each(self.loom, "neg" if operator == "-" else "not", operand)
+
+    def _binary(self, operator: str, left: Nodes, right: Nodes) -> Nodes:
+        single = left.size == 1 or right.size == 1
+        if operator == "*" and not single:
+            return self._product(left, right)
+        if operator == "/" and right.size != 1 or operator == "^" and max(left.size, right.size) > 1:
+            raise _BeyondGraphError("it divides by a matrix or raises one to a power")
+        operator = {"*": ".*", "/": "./", "^": ".^"}.get(operator, operator)
+        if operator not in BINARY:
+            raise _BeyondGraphError(f"the operator {operator} is for numbers")
+        try:
+            return each(self.loom, BINARY[operator], left, right)
+        except ValueError:
+            raise NoValueError(f"arrays of {left.shape} and {right.shape} do not fit each other") from None
+
+    def _product(self, left: Nodes, right: Nodes) -> Nodes:
+        if left.shape[1] != right.shape[0]:
+            raise NoValueError(f"a matrix of {left.shape} cannot be multiplied with one of {right.shape}")
+        return matrix_product(self.loom, left, right)
+
+    def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> Nodes:
+        made = [[self.nodes(element) for element in row] for row in rows]
+        lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
+        return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
+
+    def _field(self, tree: m.Field) -> Held:
+        """A part of a struct: a variable of its own, called by the way to it."""
+        way = way_of(tree)
+        if way is None:
+            raise _BeyondGraphError("it takes a part of a computed struct")
+        found: Any = self.scope.find(way[0])
+        if isinstance(found, Masked):
+            return self._masked_field(found, way[1:])
+        if found is None:
+            raise NoValueError(f"{way[0]} is defined nowhere")
+        value = part_of(found.value, way)
+        return self.of.variable(".".join(way), _like(found, value), self.live)
+
+    def _masked_field(self, found: Masked, way: list[str]) -> Held:
+        inner = parse_expression(found.text)
+        names = way_of(inner)
+        if names is None:
+            raise _BeyondGraphError("it takes a part of a mask's struct")
+        tree: m.Expression = inner
+        for name in way:
+            tree = m.Field(tree, name)
+        return _Walk(self.of, found.outside, self.live, {}).value(tree)
+
+    def _call(self, tree: m.Call) -> Held:
+        if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
+            return self._index(self.nodes(tree.of), tree)
+        name = tree.of.name
+        args = [self.nodes(argument) for argument in tree.arguments]
+        made = _function(self.loom, name, args)
+        if made is None:
+            raise _BeyondGraphError(f"the function {name} is for numbers")
+        return made
+
+    def _is_array(self, name: str) -> bool:
+        return name in self.names or self.scope.find(name) is not None
+
+    def _index(self, array: Nodes, tree: m.Call) -> Nodes:
+        if any(not isinstance(argument, (m.Number, m.Name)) for argument in tree.arguments):
+            raise _BeyondGraphError("it takes computed elements of an array")
+        places = [self.of.values(self.nodes(argument)) for argument in tree.arguments]
+        if any(place.size != 1 for place in places):
+            raise _BeyondGraphError("it takes several elements of an array")
+        at = [int(place.item()) - 1 for place in places]
+        try:
+            if min(at) < 0:
+                raise IndexError
+            element = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
+        except IndexError:
+            raise NoValueError(f"the element {[a + 1 for a in at]} is outside of an array of {array.shape}") from None
+        return np.array([[element]], dtype=np.int64)
+
+
+def way_of(tree: m.Expression) -> list[str] | None:
+    """The names of `a.b.c`; None where it begins with something else."""
+    names: list[str] = []
+    while isinstance(tree, m.Field):
+        names.append(tree.name)
+        tree = tree.of
+    return [tree.name, *reversed(names)] if isinstance(tree, m.Name) else None
+
+
+def part_of(value: Value, way: list[str]) -> Value:
+    """The part of a struct at the end of a way; raises `NoValueError`."""
+    for at, name in enumerate(way[1:], 1):
+        if not isinstance(value, Mapping) or name not in value:
+            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}")
+        value = value[name]
+    return value
+
+
+def _like(found: Variable, value: Value) -> Variable:
+    return Variable(value, source=found.source)
+
+
+def _nodes(held: Held, text: str) -> Nodes:
+    if isinstance(held, np.ndarray):
+        return held
+    kind = "a text" if isinstance(held, str) else "a struct" if isinstance(held, Mapping) else "a list"
+    raise NoValueError(f"{text.strip()[:60]} is {kind}, not a number")
+
+
+def matrix_product(loom: Loom, left: Nodes, right: Nodes) -> Nodes:
+    """The product of two matrices of nodes."""
+    made = np.zeros((left.shape[0], right.shape[1]), dtype=np.int64)
+    for row in range(left.shape[0]):
+        for column in range(right.shape[1]):
+            terms = each(loom, "mul", left[row, :], right[:, column])
+            made[row, column] = fold(loom, "add", [int(term) for term in terms])
+    return made
+
+
+def fold(loom: Loom, op: str, nodes: list[int]) -> int:
+    """An operation from the first to the last; 0 of no nodes."""
+    return reduce(lambda a, b: loom.call(op, a, b), nodes) if nodes else loom.const(0.0)
+
+
+def _function(loom: Loom, name: str, args: list[Nodes]) -> Nodes | None:
+    """A function of node arrays; None for one that is not known."""
+    count = 2 if name in ("atan2", "mod") else 1
+    if name in _PLAIN and len(args) == count:
+        return each(loom, name, *args)
+    if name in _MORE and len(args) == _MORE[name][0]:
+        return _MORE[name][1](loom, *args)
+    if name in ("min", "max") and len(args) == 2:
+        return each(loom, name, *args)
+    if name in ("min", "max", "sum", "prod") and len(args) == 1 and 1 in args[0].shape:
+        op = {"sum": "add", "prod": "mul"}.get(name, name)
+        return np.array([[fold(loom, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
+    return args[0] if name in _CASTS and len(args) == 1 else None
+
+
+def _power(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "pow", a, b)
+
+
+def _remainder(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    """What is left of a after whole steps of b towards 0."""
+    whole = towards_zero(loom, each(loom, "div", a, b))
+    return each(loom, "sub", a, each(loom, "mul", whole, b))
+
+
+def towards_zero(loom: Loom, x: Nodes) -> Nodes:
+    """The whole part, towards 0."""
+    return each(loom, "mul", each(loom, "sign", x), each(loom, "floor", each(loom, "abs", x)))
+
+
+def _hypotenuse(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "sqrt", each(loom, "add", each(loom, "mul", a, a), each(loom, "mul", b, b)))
+
+
+_MORE: Final[Mapping[str, tuple[int, Callable[..., Nodes]]]] = {
+    "power": (2, _power),
+    "pow": (2, _power),
+    "rem": (2, _remainder),
+    "fmod": (2, _remainder),
+    "hypot": (2, _hypotenuse),
+    "fix": (1, towards_zero),
+    "ln": (1, lambda loom, x: each(loom, "log", x)),
+    "sgn": (1, lambda loom, x: each(loom, "sign", x)),
+    "fabs": (1, lambda loom, x: each(loom, "abs", x)),
+    "rdivide": (2, lambda loom, a, b: each(loom, "div", a, b)),
+    "times": (2, lambda loom, a, b: each(loom, "mul", a, b)),
+    "plus": (2, lambda loom, a, b: each(loom, "add", a, b)),
+    "minus": (2, lambda loom, a, b: each(loom, "sub", a, b)),
+    "uminus": (1, lambda loom, x: each(loom, "neg", x)),
+    "not": (1, lambda loom, x: each(loom, "not", x)),
+    "square": (1, lambda loom, x: each(loom, "mul", x, x)),
+    "reciprocal": (1, lambda loom, x: each(loom, "div", np.array([[loom.const(1.0)]]), x)),
+}

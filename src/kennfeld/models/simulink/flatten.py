@@ -1,0 +1,305 @@
+"""Subsystems dissolved: a flat list of blocks, each knowing where its inputs come from.
+
+Inports, outports, Goto and From blocks and plain subsystems are but wires. A conditional subsystem leaves two things
+behind: a block `Control` that says when it runs, and a block `Held` for each of its outputs.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
+
+__all__ = ["Atom", "Flat", "Source", "flatten"]
+
+_SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
+_LOOPS = ("ForIterator", "WhileIterator", "ForEach")
+_MOST = 100_000  # blocks, all instances of libraries counted
+
+
+class Source(NamedTuple):
+    """Where a wire begins: a block and its output, counted from 0."""
+
+    atom: "Atom"
+    port: int
+
+
+@dataclass(eq=False)
+class Atom:
+    """A block that computes something, or one that stands for a conditional subsystem.
+
+    `kind` is its type as the registry of blocks knows it, `path` leads to it from where the import begins. `inputs` are
+    the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
+    around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs.
+    """
+
+    kind: str
+    block: Block
+    path: str
+    scope: Scope
+    control: "Atom | None" = None
+    inputs: list[Source | None] = field(default_factory=list)
+    names: dict[int, str] = field(default_factory=dict)
+    taken: dict[int, str] = field(default_factory=dict)
+    special: dict[str, Block] = field(default_factory=dict)
+    why: str = ""
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.path}>"
+
+
+@dataclass
+class Flat:
+    """All blocks of what is imported; `inports` and `outports` in the order of their ports."""
+
+    atoms: list[Atom]
+    inports: list[Atom]
+    outports: list[Atom]
+    remarks: list[str] = field(default_factory=list)
+
+
+class Level:
+    """One system on the way: what is in it, and what is around it."""
+
+    def __init__(self, system: System, path: tuple[str, ...], scope: Scope, control: Atom | None) -> None:
+        self.system = system
+        self.path = path
+        self.scope = scope
+        self.control = control
+        self.parent: Level | None = None
+        self.holder: Block | None = None
+        self.below: dict[str, Level] = {}
+        self.atoms: dict[str, Atom] = {}
+        self.sources: dict[Endpoint, Endpoint] = {}
+        self.labels: dict[Endpoint, str] = {}
+        self.fed: dict[str, int] = {}
+        self.named: dict[str, dict[int, str]] = {}
+        for line in system.lines:
+            for end in line.destinations:
+                if line.source is not None:
+                    self.sources[end] = line.source
+                    self.labels[end] = line.name
+                    if end.port == "in":
+                        self.fed[end.block] = max(end.number, self.fed.get(end.block, 0))
+            if line.source is not None and line.name:
+                self.labels.setdefault(line.source, line.name)
+                if line.source.port == "out":
+                    self.named.setdefault(line.source.block, {})[line.source.number - 1] = line.name
+
+    def port(self, kind: str, number: int) -> Block | None:
+        """The Inport or Outport block of a number."""
+        return next((b for b in self.system.of(kind) if _number(b) == number), None)
+
+
+def _number(block: Block) -> int:
+    written = (block.value("Port") or "1").strip()
+    return int(written) if written.isdecimal() else 1
+
+
+def flatten(system: System, scope: Scope, cuts: Mapping[str, str], opaque: "frozenset[str]" = frozenset()) -> Flat:
+    """The blocks of a system and of all below it.
+
+    `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
+    blocks of their own and not looked into.
+    """
+    work = _Flattening(cuts, opaque)
+    root = work.level(system, (), scope, None, None, None)
+    work.connect()
+    ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
+    inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
+    return Flat(work.atoms, inports, outports, work.remarks)
+
+
+class _Flattening:
+    def __init__(self, cuts: Mapping[str, str], opaque: frozenset[str]) -> None:
+        self.cuts = cuts
+        self.opaque = opaque
+        self.atoms: list[Atom] = []
+        self.levels: list[Level] = []
+        self.remarks: list[str] = []
+        self.gotos: dict[str, list[tuple[Level, Block]]] = {}
+
+    def level(
+        self,
+        system: System,
+        path: tuple[str, ...],
+        scope: Scope,
+        control: Atom | None,
+        parent: Level | None,
+        holder: Block | None,
+    ) -> Level:
+        made = Level(system, path, scope, control)
+        made.parent, made.holder = parent, holder
+        self.levels.append(made)
+        for block in system.blocks:
+            self._place(made, block)
+        return made
+
+    def _place(self, level: Level, block: Block) -> None:
+        path = joined(*level.path, block.name)
+        if path in self.cuts:
+            self._atom(level, block, "Bound")
+        elif block.type == "SubSystem" and block.system is not None and not (why := self._closed(block)):
+            self._enter(level, block, block.system)
+        elif block.type == "Goto":
+            self.gotos.setdefault((block.value("GotoTag") or "A").strip(), []).append((level, block))
+        elif block.type in ("From", "GotoTagVisibility") or block.type in _SPECIAL:
+            pass
+        elif block.type == "Inport" and level.parent is not None:
+            pass
+        elif block.type == "Outport" and level.parent is not None:
+            if level.control is not None and level.control.block is level.holder:
+                self._atom(level, block, "Held")
+        else:
+            closed = block.type == "SubSystem" and block.system is not None
+            self._atom(level, block, _kind(block), why if closed else "")
+
+    def _closed(self, block: Block) -> str:
+        """Why a subsystem is not looked into; empty where it is."""
+        assert block.system is not None
+        chart = block.value("SFBlockType") or "NONE"
+        if chart != "NONE" or block.chart is not None:
+            return f"a {chart if chart != 'NONE' else 'Chart'}"
+        if block.mask is not None and block.mask.type in self.opaque:
+            return block.mask.type
+        if (block.value("Variant") or "off") == "on":
+            return "a variant subsystem"
+        loop = next(block.system.of(*_LOOPS), None)
+        return f"a subsystem that runs several times in a step ({loop.type})" if loop is not None else ""
+
+    def _enter(self, level: Level, block: Block, system: System) -> None:
+        special = {_SPECIAL[b.type]: b for b in system.of(*_SPECIAL)}
+        control = level.control
+        if special:
+            control = self._atom(level, block, "Control")
+            control.special = special
+        path = (*level.path, block.name)
+        level.below[block.sid] = self.level(system, path, level.scope.within(block), control, level, block)
+
+    def _atom(self, level: Level, block: Block, kind: str, why: str = "") -> Atom:
+        made = Atom(kind, block, joined(*level.path, block.name), level.scope, level.control, why=why)
+        self.atoms.append(made)
+        if kind != "Control":
+            level.atoms[block.sid] = made
+        if len(self.atoms) > _MOST:
+            raise OverflowError(f"it has more than {_MOST} blocks, all instances of libraries counted")
+        made.special = {}
+        return made
+
+    def connect(self) -> None:
+        """Find the sources of all inputs; a From without a Goto is an input of the model."""
+        for level in self.levels:
+            for block in level.system.of("From"):
+                if self._goto(level, (block.value("GotoTag") or "A").strip()) is None:
+                    self._atom(level, block, "From")
+        for level in self.levels:
+            for sid, atom in level.atoms.items():
+                self._inputs(level, sid, atom)
+            for sid, below in level.below.items():
+                if below.control is not None and below.control.block is below.holder:
+                    ends = [Endpoint(sid, port) for port in below.control.special]
+                    below.control.inputs = [self.source(level, end) for end in ends]
+
+    def _inputs(self, level: Level, sid: str, atom: Atom) -> None:
+        count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
+        ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
+        atom.inputs = [self.source(level, end) for end in ends]
+        atom.taken = {i: name for i, end in enumerate(ends) if (name := self._label(level, end))}
+        atom.names = {number - 1: name for number, name in atom.block.signals.items()} | level.named.get(sid, {})
+
+    def _label(self, level: Level, end: Endpoint) -> str:
+        """The name of the line into a port, or of the line that it comes from through ports and tags."""
+        for here, source in self._way(level, end):
+            name = here.labels.get(source, "")
+            block = here.system.by_sid.get(source.block)
+            if name and not name.startswith("<"):
+                return name
+            if name.startswith("<") and name.endswith(">"):
+                return name[1:-1]
+            if block is not None and source.number in block.signals:
+                return block.signals[source.number]
+        return ""
+
+    def source(self, level: Level, end: Endpoint) -> Source | None:
+        """The block output that feeds an input port, through subsystems and tags."""
+        last = None
+        for last in self._way(level, end):
+            pass
+        if last is None:
+            return None
+        here, source = last
+        if (atom := here.atoms.get(source.block)) is not None:
+            port = {"out": source.number - 1, "state": -1}.get(source.port)
+            return None if port is None else Source(atom, port)
+        below = here.below.get(source.block)
+        if below is not None:
+            outport = below.port("Outport", source.number)
+            held = below.atoms.get(outport.sid) if outport is not None else None
+            return Source(held, 0) if held is not None else None
+        return None
+
+    def _way(self, level: Level, end: Endpoint) -> Iterator[tuple[Level, Endpoint]]:
+        """The ends of lines that a signal passes, from where it is used back to where it is made."""
+        here: Level | None = level
+        at: Endpoint | None = end
+        seen: set[tuple[int, Endpoint]] = set()
+        while here is not None and at is not None and (id(here), at) not in seen:
+            seen.add((id(here), at))
+            source = here.sources.get(at)
+            if source is None:
+                return
+            yield here, source
+            here, at = self._behind(here, source)
+
+    def _behind(self, level: Level, source: Endpoint) -> tuple[Level | None, Endpoint | None]:
+        """The input port that a block output merely passes on; None where the block computes something."""
+        if source.block in level.atoms:
+            return None, None
+        block = level.system.by_sid[source.block]
+        if block.type == "Inport" and level.holder is not None and level.parent is not None:
+            return level.parent, Endpoint(level.holder.sid, "in", _number(block))
+        if block.type == "From":
+            goto = self._goto(level, (block.value("GotoTag") or "A").strip())
+            return (goto[0], Endpoint(goto[1].sid, "in")) if goto is not None else (None, None)
+        below = level.below.get(source.block)
+        outport = below.port("Outport", source.number) if below is not None else None
+        if below is None or outport is None or outport.sid in below.atoms:
+            return None, None
+        return below, Endpoint(outport.sid, "in")
+
+    def _goto(self, level: Level, tag: str) -> tuple[Level, Block] | None:
+        """The Goto of a tag: local ones in the same system, scoped ones below their mark, global ones anywhere."""
+        wide = None
+        for where, goto in self.gotos.get(tag, ()):
+            if where is level:
+                return where, goto
+            visibility = goto.value("TagVisibility") or "local"
+            if visibility == "global" or (visibility == "scoped" and self._scoped(level, where, tag)):
+                wide = wide or (where, goto)
+        return wide
+
+    def _scoped(self, level: Level, where: Level, tag: str) -> bool:
+        """Whether a mark of the tag's visibility stands in a system around both the From and the Goto."""
+        around = set(_around(where))
+        return any(
+            (mark.value("GotoTag") or "A").strip() == tag
+            for here in _around(level)
+            if here in around
+            for mark in here.system.of("GotoTagVisibility")
+        )
+
+
+def _around(level: Level) -> Iterator[Level]:
+    here: Level | None = level
+    while here is not None:
+        yield here
+        here = here.parent
+
+
+def _kind(block: Block) -> str:
+    if block.type == "Reference" and block.reference is not None:
+        return f"{block.reference.type or block.reference.source}"
+    if block.type == "SubSystem" and block.mask is not None and block.mask.type:
+        return block.mask.type
+    return block.type

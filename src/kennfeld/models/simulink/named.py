@@ -1,0 +1,63 @@
+"""Arrays that are a parameter as a whole: the variable behind a table's field, or the field itself."""
+
+from dataclasses import dataclass
+
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
+from kennfeld.models.simulink.expressions import part_of, way_of
+from kennfeld.models.simulink.scopes import Array, Masked, Scope, Variable
+from kennfeld.models.simulink.site import Site
+
+__all__ = ["Named", "named"]
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """The numbers of a field, and the name that they go by: that of a variable, or "Path:Field" of a literal."""
+
+    name: str
+    values: Array
+    variable: Variable
+    is_variable: bool
+
+
+def named(site: Site, field: str) -> Named:
+    """What a field holds. Where it is but a variable, through masks or within structs, that gives the name."""
+    text = site.text(field)
+    values = site.numbers(field)
+    found = _variable(text, site.atom.scope)
+    if found is None:
+        return Named(f"{site.atom.path}:{field}", values, Variable(values, source="a literal of the block"), False)
+    name, variable = found
+    return Named(name, values, variable, True)
+
+
+def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | None:
+    """The variable that an expression is nothing but, with its name; None where it is more."""
+    try:
+        way = way_of(_bare(parse_expression(text)))
+    except InputError:
+        return None
+    if way is None or deep > 50:
+        return None
+    found = scope.find(way[0])
+    if isinstance(found, Masked):
+        return _variable(".".join([found.text.strip(), *way[1:]]), found.outside, deep + 1) if found.evaluated else None
+    if found is None:
+        return None
+    value = part_of(found.value, way)
+    return ".".join(way), found if len(way) == 1 else Variable(value, source=found.source)
+
+
+def _bare(tree: m.Expression) -> m.Expression:
+    """An expression without transposes, casts and `x(:)`, which change no value."""
+    while True:
+        if isinstance(tree, m.Transpose):
+            tree = tree.operand
+        elif isinstance(tree, m.Call) and tree.arguments == (m.Colon(),):
+            tree = tree.of
+        elif isinstance(tree, m.Call) and tree.of in (m.Name("single"), m.Name("double")) and len(tree.arguments) == 1:
+            tree = tree.arguments[0]
+        else:
+            return tree

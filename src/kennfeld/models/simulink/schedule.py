@@ -1,0 +1,79 @@
+"""Sample times: what blocks state, the step of the model, and when a slower block is hit."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import NamedTuple
+
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.blocktypes.registry import Kind
+from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS
+
+__all__ = ["Clock", "Rate", "common_step", "stated_rate"]
+
+_NEAR = 1e-6  # of a period, as far as times may be rounded
+
+
+class Rate(NamedTuple):
+    """A sample time: the first hit at `offset`, then one every `period`, in s."""
+
+    period: float
+    offset: float = 0.0
+
+
+def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate | None:
+    """The sample time that a block states; None where it inherits. Raises `NoValueError`."""
+    default = kind.defaults.get("SampleTime") if kind is not None else None
+    text = atom.block.value("SampleTime") or default
+    if atom.kind == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
+        return None
+    numbers = expressions.numbers(text, atom.scope).ravel()
+    period = float(numbers[0]) if numbers.size else -1.0
+    offset = float(numbers[1]) if numbers.size > 1 else 0.0
+    if period == -1.0:
+        return None
+    if math.isinf(period):
+        return Rate(CONSTANT)
+    if not period >= 0:
+        raise NoValueError(f"{text.strip()[:40]} is no sample time")
+    return Rate(period, offset if period else 0.0)
+
+
+def common_step(periods: Iterable[float]) -> float | None:
+    """The longest step that hits all sample times in s, None of none.
+
+    >>> common_step([0.02, 0.005, 0.01])
+    0.005
+    """
+    parts = [Fraction(period).limit_denominator(10**9) for period in periods if 0 < period < math.inf]
+    parts = [part for part in parts if part > 0]
+    if not parts:
+        return None
+    bottom = math.lcm(*(part.denominator for part in parts))
+    return float(Fraction(math.gcd(*(int(part * bottom) for part in parts)), bottom))
+
+
+@dataclass
+class Clock:
+    """The steps of a model: `step` in s, None where the data decide; whether there are continuous states."""
+
+    step: float | None
+    continuous: bool = False
+
+    def hit(self, loom: Loom, rate: Rate) -> int | None:
+        """The node that is 1 where a sample time is hit, None where every step hits it."""
+        if self.step is not None and rate.offset == 0 and rate.period <= self.step * (1 + _NEAR):
+            return None
+        near = loom.const(_NEAR - rate.offset / rate.period)
+        now, before = loom.input("t"), loom.call("sub", loom.input("t"), loom.input("dt"))
+        period = loom.const(rate.period)
+        count = [
+            loom.call("floor", loom.call("add", loom.call("div", time, period), near)) for time in (now, before)
+        ]
+        if rate.offset == 0:
+            return loom.call("gt", *count)
+        started = loom.call("ge", count[0], loom.const(0.0))
+        return loom.call("and", started, loom.call("gt", *count))

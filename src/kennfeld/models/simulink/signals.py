@@ -1,0 +1,96 @@
+"""What a wire carries while a model is built: an array of graph nodes, or a bus of named signals."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["CONSTANT", "CONTINUOUS", "Bus", "Nodes", "Signal", "Wired", "common_shape", "fastest", "leaves"]
+
+Nodes: TypeAlias = npt.NDArray[np.int64]
+
+CONSTANT = math.inf
+CONTINUOUS = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix; a scalar is (1,).
+
+    `period` is the sample time in s: 0 where it may change at any time, infinite where it never does. `sound` is false
+    for what stands in for a signal that could not be built.
+    """
+
+    nodes: Nodes
+    period: float = CONTINUOUS
+    sound: bool = True
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array of nodes."""
+        return self.nodes.shape
+
+    @property
+    def size(self) -> int:
+        """How many scalar signals it is made of."""
+        return self.nodes.size
+
+    @property
+    def flat(self) -> list[int]:
+        """The nodes, columns first."""
+        return [int(node) for node in self.nodes.ravel(order="F")]
+
+
+@dataclass(frozen=True, eq=False)
+class Bus:
+    """Named signals, in the order of the bus."""
+
+    members: Mapping[str, "Wired"] = field(default_factory=dict)
+
+    @property
+    def sound(self) -> bool:
+        """Whether all of its signals could be built."""
+        return all(member.sound for member in self.members.values())
+
+    @property
+    def period(self) -> float:
+        """The shortest sample time of its signals."""
+        return fastest(member.period for member in self.members.values())
+
+
+Wired: TypeAlias = Signal | Bus
+
+
+def leaves(wired: Wired, name: str = "") -> Iterator[tuple[str, Signal]]:
+    """The signals of a bus with their names along the way, `a.b`; a signal alone has the given name."""
+    if isinstance(wired, Signal):
+        yield name, wired
+        return
+    for key, member in wired.members.items():
+        yield from leaves(member, f"{name}.{key}" if name else key)
+
+
+def fastest(periods: "Iterator[float] | list[float]") -> float:
+    """The sample time of what is computed from signals of these sample times.
+
+    >>> fastest([0.1, float("inf"), 0.5]), fastest([])
+    (0.1, inf)
+    """
+    return min(periods, default=CONSTANT)
+
+
+def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...] | None:
+    """The shape of an elementwise result: scalars expand, a vector fits a matrix of one row or column; else None.
+
+    >>> common_shape((1,), (3,)), common_shape((3,), (3, 1)), common_shape((2,), (3,))
+    ((3,), (3, 1), None)
+    """
+    wide = [shape for shape in shapes if math.prod(shape) != 1]
+    if not wide:
+        return max(shapes, key=len, default=(1,))
+    best = max(wide, key=len)
+    fits = all(s == best or (len(s) != len(best) and s == (math.prod(best),) and 1 in best) for s in wide)
+    return best if fits else None

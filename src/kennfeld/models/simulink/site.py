@@ -1,0 +1,247 @@
+"""What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
+from kennfeld.models.simulink.expressions import NoValueError, each
+from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.scopes import Array
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, common_shape, fastest
+
+if TYPE_CHECKING:
+    from kennfeld.models.simulink.build import Weaver
+
+__all__ = ["Site"]
+
+Then = Callable[[Signal], Signal]
+
+
+class Site:
+    """One block while it is built."""
+
+    def __init__(self, weaver: "Weaver", atom: Atom) -> None:
+        self.weaver = weaver
+        self.atom = atom
+        self.kind = weaver.kind(atom)
+        self._memories = 0
+
+    @property
+    def loom(self) -> Loom:
+        """The graph under construction."""
+        return self.weaver.loom
+
+    # parameters
+
+    def text(self, name: str, otherwise: str | None = None) -> str:
+        """A parameter as written; its default where the file says nothing."""
+        written = self.atom.block.value(name)
+        if written is None and self.atom.block.mask is not None:
+            written = next((p.expression for p in self.atom.block.mask.parameters if p.name == name), None)
+        if written is None and self.atom.block.reference is not None:
+            written = self.atom.block.reference.parameters.get(name)
+        if written is None:
+            written = self.kind.defaults.get(name, otherwise) if self.kind is not None else otherwise
+        if written is None:
+            raise UnsupportedError(f"the file does not say its {name}")
+        return written.strip()
+
+    def chosen(self, name: str, *known: str) -> str:
+        """A parameter that is one of a few words; raises `UnsupportedError` for any other."""
+        written = self.text(name)
+        if written not in known:
+            raise UnsupportedError(f"{name} is {written[:60]!r}, which is not supported")
+        return written
+
+    def on(self, name: str) -> bool:
+        """Whether a parameter is switched on."""
+        return self.text(name, "off") == "on"
+
+    def parameter(self, name: str, otherwise: str | None = None) -> Signal:
+        """A parameter as a signal, vectors of one row or column as vectors; named variables stay parameters."""
+        text = self.text(name, otherwise)
+        return Signal(as_vector(self._array(name, text)), CONSTANT)
+
+    def matrix(self, name: str) -> Nodes:
+        """A parameter as a matrix of nodes, Int[rows, columns]."""
+        return self._array(name, self.text(name))
+
+    def _array(self, name: str, text: str) -> Nodes:
+        field = f"{self.atom.path}:{name}"
+        try:
+            if field in self.weaver.declared.promoted:
+                return self.weaver.promoted(field, text, self.atom.scope)
+            return self.weaver.expressions.array(text, self.atom.scope)
+        except NoValueError as error:
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+
+    def numbers(self, name: str, otherwise: str | None = None) -> Array:
+        """A parameter as fixed numbers, Float[rows, columns]."""
+        text = self.text(name, otherwise)
+        try:
+            return self.weaver.expressions.numbers(text, self.atom.scope)
+        except NoValueError as error:
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+
+    def evaluated(self, text: str) -> Array:
+        """The numbers of an expression that is part of a parameter."""
+        try:
+            return self.weaver.expressions.numbers(text, self.atom.scope)
+        except NoValueError as error:
+            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE) from None
+
+    def number(self, name: str, otherwise: str | None = None) -> float:
+        """A parameter as one fixed number."""
+        found = self.numbers(name, otherwise)
+        if found.size != 1:
+            raise UnsupportedError(f"its {name} has {found.size} values where one is expected")
+        return float(found.item())
+
+    def whole(self, name: str, least: int = 0, most: int = 100_000) -> int:
+        """A parameter as a whole number within limits."""
+        found = self.number(name)
+        if not (found.is_integer() and least <= found <= most):
+            raise UnsupportedError(f"its {name} is {found:g}, not a whole number from {least} to {most}")
+        return int(found)
+
+    # inputs
+
+    def wired(self, index: int) -> Wired:
+        """What arrives at an input, counted from 0; 0 where nothing is connected."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        return self.weaver.value(source) if source is not None else self.constant(0.0)
+
+    def input(self, index: int = 0) -> Signal:
+        """The signal at an input, counted from 0."""
+        found = self.wired(index)
+        if isinstance(found, Bus):
+            only = [member for member in found.members.values() if isinstance(member, Signal)]
+            if len(only) == len(found.members) == 1:
+                return only[0]
+            raise UnsupportedError(f"its input {index + 1} is a bus", "Select one signal of the bus before the block.")
+        return found
+
+    @property
+    def inputs(self) -> list[Signal]:
+        """The signals at all inputs."""
+        return [self.input(index) for index in range(self.count)]
+
+    @property
+    def count(self) -> int:
+        """How many inputs it has."""
+        return len(self.atom.inputs)
+
+    # signals
+
+    def constant(self, *values: float) -> Signal:
+        """A vector of constants."""
+        return Signal(np.array([self.loom.const(value) for value in values], dtype=np.int64), CONSTANT)
+
+    def call(self, op: str, *args: Signal) -> Signal:
+        """An operation of the graph, element by element; scalars expand."""
+        spread = self.spread(*args)
+        period = fastest([arg.period for arg in args])
+        return Signal(each(self.loom, op, *(arg.nodes for arg in spread)), period)
+
+    def spread(self, *args: Signal) -> list[Signal]:
+        """The signals in their common shape; raises `UnsupportedError` where they do not fit each other."""
+        shape = common_shape(*(arg.shape for arg in args))
+        if shape is None:
+            sizes = ", ".join("x".join(map(str, arg.shape)) for arg in args)
+            raise UnsupportedError(f"its inputs have the sizes {sizes}, which do not fit each other")
+        return [Signal(resized(arg.nodes, shape), arg.period) for arg in args]
+
+    def select(self, condition: Signal, yes: Signal, no: Signal) -> Signal:
+        """One signal where a condition holds, else the other."""
+        return self.call("select", condition, yes, no)
+
+    def fold(self, op: str, args: Sequence[Signal]) -> Signal:
+        """An operation from the first signal to the last."""
+        made = args[0]
+        for arg in args[1:]:
+            made = self.call(op, made, arg)
+        return made
+
+    def clip(self, x: Signal, lower: Signal, upper: Signal) -> Signal:
+        """A signal within limits; infinite ones are left out."""
+        if not self._is(lower, -math.inf):
+            x = self.call("max", x, lower)
+        return x if self._is(upper, math.inf) else self.call("min", x, upper)
+
+    def _is(self, signal: Signal, value: float) -> bool:
+        return all(self.loom.value(node) == value for node in signal.flat)
+
+    # time
+
+    @property
+    def time(self) -> Signal:
+        """The time since the start in s."""
+        return Signal(np.array([self.loom.input("t")], dtype=np.int64), CONTINUOUS)
+
+    def step(self, name: str = "SampleTime") -> Signal:
+        """The block's own sample time in s: as stated, or as inherited."""
+        period = self.period(name)
+        if period in (CONTINUOUS, CONSTANT):
+            return Signal(np.array([self.loom.input("dt")], dtype=np.int64), CONTINUOUS)
+        return self.constant(period)
+
+    def period(self, name: str = "SampleTime") -> float:
+        """The block's own sample time: as stated, or that of its inputs as far as it is known by now."""
+        stated = self.weaver.stated_period(self.atom)
+        if stated is not None:
+            return stated
+        return self.weaver.guessed_period(self.atom)
+
+    def discrete(self, x: Signal) -> Signal:
+        """A signal as a block that only runs at major steps sees it."""
+        return self.weaver.at_major(x)
+
+    # memory
+
+    def remember(self, init: Signal, then: Then, latency: int = 1) -> Signal:
+        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built."""
+        self._memories += 1
+        return self.weaver.remember(self, self._memories, init, then, latency)
+
+    def integrate(self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None) -> Signal:
+        """A continuous state, advanced by the solver."""
+        self._memories += 1
+        return self.weaver.integrate(self, self._memories, init, slope, reset, limits)
+
+    def edge(self, x: Signal, kind: str) -> Signal:
+        """1 where a signal crosses zero in the way of a trigger: rising, falling, either."""
+        before = self.remember(x, lambda _: x)
+        zero = self.constant(0.0)
+        rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
+        falling = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
+        if kind == "either":
+            return self.call("or", rising, falling)
+        return rising if kind == "rising" else falling
+
+
+_GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
+
+
+def as_vector(nodes: Nodes) -> Nodes:
+    """An array of one row or column as a vector; others as they are."""
+    return nodes.ravel() if nodes.ndim == 2 and 1 in nodes.shape else nodes
+
+
+def resized(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
+    """Nodes in a shape that they fit: a scalar everywhere, a vector as a row or column."""
+    if nodes.shape == shape:
+        return nodes
+    return np.full(shape, nodes.ravel()[0], dtype=np.int64) if nodes.size == 1 else nodes.reshape(shape)
+
+
+def indices(sizes: Iterable[int]) -> list[tuple[int, int]]:
+    """Where each of several parts begins and ends when they are put behind each other."""
+    made, at = [], 0
+    for size in sizes:
+        made.append((at, at + size))
+        at += size
+    return made
