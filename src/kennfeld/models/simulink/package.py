@@ -66,10 +66,10 @@ class Package:
             return None
         return raw
 
-    def section(self, name: str) -> Section | None:
+    def section(self, name: str, fold: bool = True) -> Section | None:
         """An XML part as a section; None where there is none, or with an error noted where it is broken."""
         raw = self.raw(name)
-        return xml_section(raw, name, self.trouble) if raw is not None else None
+        return xml_section(raw, name, self.trouble, fold) if raw is not None else None
 
 
 def is_zip(raw: bytes) -> bool:

@@ -14,9 +14,12 @@ __all__ = ["xml_section"]
 _DAMAGED = "The file may be cut off or damaged: take a complete copy."
 
 
-def xml_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
-    """The root of an XML part as a section; None with an error noted where it is broken or refused."""
-    builder = _Builder(part, trouble)
+def xml_section(raw: bytes, part: str, trouble: Trouble, fold: bool = True) -> Section | None:
+    """The root of an XML part as a section; None with an error noted where it is broken or refused.
+
+    `fold` makes `<P Name="key">value</P>` a key of the section around it; without it, it stays a section.
+    """
+    builder = _Builder(part, trouble, fold)
     try:
         builder.parser.Parse(raw.lstrip(), True)
     except RefusedError:
@@ -30,8 +33,9 @@ def xml_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
 
 
 class _Builder:
-    def __init__(self, part: str, trouble: Trouble) -> None:
+    def __init__(self, part: str, trouble: Trouble, fold: bool) -> None:
         self.part = part
+        self.fold = fold
         self.trouble = trouble
         self.root: Section | None = None
         self.open: list[Section] = []
@@ -48,7 +52,7 @@ class _Builder:
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         self.count += 1
-        if name == "P" and "Name" in attributes and self.open and self.key is None:
+        if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
             self._key(attributes)
             return
         self._text()
