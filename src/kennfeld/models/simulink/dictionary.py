@@ -43,14 +43,21 @@ class Dictionary:
     """
 
     path: Path
-    data: Data = Data()
+    data: Data = field(default_factory=Data)
     references: tuple[str, ...] = ()
     solvers: Mapping[str, Solver] = field(default_factory=dict)
     types: tuple[str, ...] = ()
 
 
-_TYPE_CLASSES = ("Simulink.data.dictionary.EnumTypeDefinition", "Simulink.Bus", "Simulink.AliasType")
-_TYPE_CLASSES += ("Simulink.NumericType", "Simulink.ValueType")
+_TYPE_CLASSES = frozenset(
+    {
+        "Simulink.AliasType",
+        "Simulink.Bus",
+        "Simulink.NumericType",
+        "Simulink.ValueType",
+        "Simulink.data.dictionary.EnumTypeDefinition",
+    }
+)
 
 
 class _Unreadable(Exception):  # noqa: N818 - says of one entry why it is left aside

@@ -75,8 +75,8 @@ def solver_from(entry: Section) -> Solver:
     found = next((part for part in entry.every() if part.keys.get("Class") == _SOLVER), entry)
     said = {part.keys.get("Name", ""): part.text for part in found.all("P")}
     name = said.get("SolverName") or said.get("Solver", "")
-    steps = [said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep")]
-    return Solver(name, *steps, reference=said.get("SourceName", ""))
+    step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
+    return Solver(name, step, start, stop, largest, said.get("SourceName", ""))
 
 
 def _solver(section: Section) -> Solver:
