@@ -146,8 +146,11 @@ def _subsystem(block: Block, system: System) -> Subsystem:
     words += ["model" if block.model else "", "atomic" if block.value("TreatAsAtomicUnit") == "on" else ""]
     words += [_CONTROLS[inner.type] for inner in system.blocks if inner.type in _CONTROLS]
     kind = ", ".join(word for word in words if word not in ("", "NONE"))
-    names = (tuple(port.name for port in _ports(system, kind)) for kind in ("Inport", "Outport"))
-    return Subsystem(block.path, kind, *names, len(system.blocks))
+    return Subsystem(block.path, kind, _names(system, "Inport"), _names(system, "Outport"), len(system.blocks))
+
+
+def _names(system: System, kind: str) -> tuple[str, ...]:
+    return tuple(port.name for port in _ports(system, kind))
 
 
 def _charts(blocks: Iterable[Block]) -> Iterator[tuple[str, str, int, int]]:
@@ -176,10 +179,9 @@ def _found(source: str, kind: str, resolved: Resolved) -> str:
 
 
 def _sources(document: Document) -> tuple[list[DataSource], list[Finding]]:
-    found = [*_workspace(document), *_callbacks(document)]
     problems: list[Finding] = []
-    for name in document.dictionaries:
-        found.append(_dictionary(document, name, problems))
+    dictionaries = [_dictionary(document, name, problems) for name in document.dictionaries]
+    found = [*_workspace(document), *_callbacks(document), *dictionaries]
     masks = sum(len(block.mask.parameters) for block in document.root.every() if block.mask is not None)
     if masks:
         found.append(DataSource("masks", "", f"{masks} parameters"))
