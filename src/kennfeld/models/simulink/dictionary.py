@@ -31,6 +31,7 @@ _TEXTS = {"char", "string"}
 _NOT_DATA = ("Simulink.ConfigSet", "Simulink.ConfigSetRef", "Simulink.VariantConfigurationData")
 _TRUTH = {"true": "1", "false": "0"}
 _DEEPEST = 50
+_LARGEST = 1_000_000_000  # values along one dimension
 _MEND = "Data dictionaries end in .sldd."
 
 
@@ -220,7 +221,7 @@ def _numbers(section: Section) -> Value:
     except ValueError:
         raise _Unreadable(f"its numbers cannot be read: {section.text.strip()[:40]}") from None
     shape = shape or ((1, 1) if values.size == 1 else (min(values.size, 1), values.size))
-    if len(shape) > 30 or min(shape) < 0 or values.size != int(np.prod(shape, dtype=float)):
+    if len(shape) > 30 or min(shape) < 0 or max(shape) > _LARGEST or values.size != int(np.prod(shape, dtype=float)):
         raise _Unreadable(f"it has {values.size} numbers for the size {section.keys.get('Dimension', '')[:40]}")
     return readonly(values.reshape(shape, order="F"))
 

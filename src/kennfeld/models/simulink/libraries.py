@@ -195,6 +195,8 @@ class _Work:
         return replace(block, path=path, system=self.system(found.root, inner))
 
     def _document(self, name: str, source: str, path: str, place: _Place) -> Document | None:
+        if name == "$bdroot":  # a library's own name for itself
+            return place.document
         file = self.libraries.find(name, place.document.path.parent)
         if file is None:
             self.missing.setdefault(source, []).append(path)

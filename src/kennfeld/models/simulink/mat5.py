@@ -25,7 +25,7 @@ _KINDS |= {14: "int64", 15: "uint64", 1: "cell", 2: "struct", 4: "char", 5: "dou
 _COMPLEX, _LOGICAL = 0x0800, 0x0200
 _DEEPEST = 40
 _LARGEST = 200_000_000  # bytes that a compressed variable may take
-_MOST_DENSE = 4_000_000  # values of a sparse matrix
+_MOST_DENSE = 4_000_000  # values of all sparse matrices together
 
 
 class Mat5Error(Exception):
@@ -80,6 +80,7 @@ class Reader:
 
     def __init__(self, order: str = "<") -> None:
         self.order = order
+        self.dense = _MOST_DENSE
 
     def unpacked(self, element: Element) -> Element:
         """The element itself, or the one that is compressed within."""
@@ -177,7 +178,7 @@ class Reader:
         return made[0] if len(made) == 1 and shape == (1, 1) else made
 
     def _sparse(self, shape: tuple[int, ...], flags: int, parts: list[Element]) -> Plain:
-        if flags & _COMPLEX or len(parts) < 3 or len(shape) != 2 or shape[0] * shape[1] > _MOST_DENSE:
+        if flags & _COMPLEX or len(parts) < 3 or len(shape) != 2 or shape[0] * shape[1] > self.dense:
             return Unread("it is a sparse matrix that is complex or too large")
         rows, starts = self._integers(parts[0]), self._integers(parts[1])
         values = self._raw_numbers(parts[2]).astype(np.float64)
@@ -186,6 +187,7 @@ class Reader:
         count = int(starts[-1])
         if count > rows.size or (count and (rows[:count].min() < 0 or rows[:count].max() >= shape[0])):
             raise Mat5Error("its sparse rows make no sense")
+        self.dense -= shape[0] * shape[1]
         full = np.zeros(shape)
         full[rows[:count], np.repeat(np.arange(shape[1]), np.diff(starts))] = values[:count]
         return full

@@ -14,7 +14,7 @@ __all__ = ["Objects", "objects_of"]
 _TAG = 0xDD000000  # the first number of a reference to an object
 _OFFSETS = {2: 6, 3: 6, 4: 8}  # of the regions, by version
 _DEEPEST = 20
-_MOST = 100_000  # objects and values that one variable may consist of
+_MOST = 1_000_000  # objects and values in one file; shared ones could multiply without end
 
 
 class Objects:

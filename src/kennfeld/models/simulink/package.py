@@ -18,7 +18,7 @@ __all__ = ["Package", "is_text_package", "is_zip", "text_package", "zip_package"
 
 _BEGIN = b"__MWOPC_PART_BEGIN__"
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
-_PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]+(\S+)[ \t]*(\S*)[^\n]*\n", re.MULTILINE)
+_PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)
 _END = re.compile(rb"^__MWOPC_PACKAGE_END__", re.MULTILINE)
 _COPY = "Take a complete copy of the file."
 _ALWAYS = 50_000_000  # bytes that any file may unpack to
@@ -110,7 +110,7 @@ def text_package(raw: bytes, trouble: Trouble) -> Package:
     texts = {}
     for part, stop in zip(found, stops, strict=False):
         name = part[1].decode("utf-8", "replace").lstrip("/")
-        texts[name] = _content(raw[part.end() : stop], part[2].upper() == b"BASE64", name, trouble)
+        texts[name] = _content(raw[part.end() : stop], part[2].strip().upper() == b"BASE64", name, trouble)
     named = release[1].decode("ascii", "replace") if release else ""
     return Package(trouble, texts=texts, release=named)
 

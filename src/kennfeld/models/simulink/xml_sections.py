@@ -55,7 +55,7 @@ class _Builder:
         if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
             self._key(attributes)
             return
-        self._text()
+        self.pieces.clear()
         section = Section(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         if self.open:
             self.open[-1].parts.append(section)
@@ -68,7 +68,7 @@ class _Builder:
             raise self._refused(f"has more than {MOST_SECTIONS} elements")
 
     def _key(self, attributes: dict[str, str]) -> None:
-        self._text()
+        self.pieces.clear()
         key = attributes["Name"]
         if "Ref" in attributes:
             self.open[-1].links[key] = attributes["Ref"]
@@ -82,15 +82,9 @@ class _Builder:
             self.key = None
             self.pieces.clear()
             return
-        self._text()
-        self.open.pop()
-
-    def _text(self) -> None:
-        """Give the characters since the last tag to the section around them."""
-        if self.pieces and self.open:
-            text = "".join(self.pieces)
-            if not self.open[-1].parts and (text.strip() or not self.open[-1].text):
-                self.open[-1].text += text
+        section = self.open.pop()
+        if self.pieces and not section.parts:
+            section.text = "".join(self.pieces)
         self.pieces.clear()
 
     def _entity(self, name: str, *_: object) -> None:
