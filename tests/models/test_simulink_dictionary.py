@@ -71,6 +71,13 @@ def test_lookup_tables_come_with_their_axes(folder):
     assert [(axis.unit, axis.value.tolist()) for axis in found.breakpoints] == [("rpm", [[700.0, 1500.0]])]
 
 
+def test_breakpoint_objects_hold_their_values_one_level_down(tmp_path):
+    inner = thing("Simulink.lookuptable.Breakpoint", "Breakpoints", Value=[[700.0, 1500.0]], Unit="rpm", Min=0.0)
+    (tmp_path / "d.sldd").write_bytes(sldd({"B": thing("Simulink.Breakpoint", axis=inner)}))
+    found = read_dictionary(tmp_path / "d.sldd").data.entries["B"]
+    assert (found.value.tolist(), found.unit, found.minimum) == ([[700.0, 1500.0]], "rpm", 0.0)
+
+
 def test_what_cannot_be_read_is_told_by_name(folder):
     assert read_dictionary(folder / "main.sldd", follow=False).data.unreadable == {
         "Bad": "it has 3 numbers for the size 2*2",

@@ -95,6 +95,16 @@ def test_links_without_a_file_are_listed_with_the_blocks_that_use_them(tmp_path)
     assert len(found.missing) == 2
 
 
+def test_a_library_may_link_to_itself_by_its_own_name(tmp_path):
+    made = library()
+    made.link("Other", "$bdroot/Half", Gain="5")
+    made.write(tmp_path)
+    model = Model()
+    model.link("O", "mylib/Other")
+    found = resolved(model, tmp_path)
+    assert (found.document.root.at("O").type, found.document.root.at("O").value("Gain")) == ("Gain", "5")
+
+
 def test_an_unknown_block_of_a_library_is_told_with_the_nearest(tmp_path):
     library().write(tmp_path)
     model = Model()

@@ -70,7 +70,7 @@ def contents(path: str | Path) -> Contents:
         return _measurement(measurement.describe(path))
     if file.suffix.lower() == ".sldd":
         return _dictionary(file)
-    if file.suffix.lower() == ".slx":  # a damaged one too
+    if file.suffix.lower() in (".slx", ".mdl"):  # a damaged one too
         return _simulink(file)
     kind, head = _sniffed(file)
     if kind is Kind.MODEL or simulink.recognises_simulink(head.encode()):

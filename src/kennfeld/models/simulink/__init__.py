@@ -5,6 +5,7 @@ from kennfeld.models.simulink.dictionary import Dictionary, read_dictionary
 from kennfeld.models.simulink.files import read_document, recognises_simulink
 from kennfeld.models.simulink.libraries import Libraries, Resolved
 from kennfeld.models.simulink.outline import Outline, outline
+from kennfeld.models.simulink.ports import ports_of
 from kennfeld.models.simulink.workspace import mat_variables, workspace_variables
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "Resolved",
     "mat_variables",
     "outline",
+    "ports_of",
     "read_dictionary",
     "read_document",
     "recognises_simulink",
