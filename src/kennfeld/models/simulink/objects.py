@@ -12,7 +12,9 @@ from kennfeld.models.simulink.mat5 import Mat5Error, Opaque, Plain, Reader, Unre
 __all__ = ["Objects", "objects_of"]
 
 _TAG = 0xDD000000  # the first number of a reference to an object
-_OFFSETS = {2: 6, 3: 6, 4: 8}  # of the regions, by version
+_VERSIONS = (2, 3, 4)
+_OFFSETS = 8  # of the regions; versions before 4 leave the last two 0
+_NEEDED = ("Value", "Table", "Breakpoints")
 _DEEPEST = 20
 _MOST = 1_000_000  # objects and values in one file; shared ones could multiply without end
 
@@ -27,13 +29,12 @@ class Objects:
         self.left = _MOST
         raw = cells[0].astype(np.uint8).tobytes(order="F")
         words = np.frombuffer(raw[: len(raw) // 4 * 4], dtype="<u4").astype(np.int64)
-        if words.size < 3 or int(words[0]) not in _OFFSETS:
+        if words.size < 3 or int(words[0]) not in _VERSIONS:
             raise Mat5Error("the table of its objects is of an unknown version")
-        count = _OFFSETS[int(words[0])]
-        offsets = [int(n) for n in words[2 : 2 + count]]
-        if len(offsets) < count or any(n > len(raw) for n in offsets):
+        offsets = [int(n) for n in words[2 : 2 + _OFFSETS]]
+        if len(offsets) < _OFFSETS or any(n > len(raw) for n in offsets):
             raise Mat5Error("the table of its objects is cut off")
-        self.names = [name.decode("utf-8", "replace") for name in raw[8 + 4 * count : offsets[0]].split(b"\0")]
+        self.names = [name.decode("utf-8", "replace") for name in raw[8 + 4 * _OFFSETS : offsets[0]].split(b"\0")]
         self.words = words
         self.classes = self._table(offsets[0], offsets[1], 4)
         self.stored = self._blocks(offsets[1], offsets[2])
@@ -79,13 +80,21 @@ class Objects:
         properties: dict[str, Value] = {}
         for index, sort, value in block:
             if sort == 1:
-                if not 0 <= value < len(self.cells) - 2:
-                    raise Mat5Error("a property of it has no value")
-                properties[self._name(index)] = self.value(self.cells[value + 2], depth + 1)
+                self._property(self._name(index), value, properties, depth)
             elif sort == 0:
                 properties[self._name(index)] = self._name(value)
         defaults = self._defaults(of_class or kind, properties, depth)
         return entry_of("", name, {**defaults, **properties})
+
+    def _property(self, name: str, cell: int, properties: dict[str, Value], depth: int) -> None:
+        """Add a property; one that cannot be decoded is left out, unless it is what an object is there for."""
+        if not 0 <= cell < len(self.cells) - 2:
+            raise Mat5Error("a property of it has no value")
+        try:
+            properties[name] = self.value(self.cells[cell + 2], depth + 1)
+        except Mat5Error:
+            if name in _NEEDED:
+                raise
 
     def _defaults(self, kind: int, given: dict[str, Value], depth: int) -> dict[str, Value]:
         """What the class says of properties that the object does not state; unreadable defaults are left out."""

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from kennfeld.archives import overgrown
+from kennfeld.models.simulink.json_sections import json_section
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.trouble import Trouble
 from kennfeld.models.simulink.xml_sections import xml_section
@@ -67,9 +68,15 @@ class Package:
         return raw
 
     def section(self, name: str, fold: bool = True) -> Section | None:
-        """An XML part as a section; None where there is none, or with an error noted where it is broken."""
+        """An XML or JSON part as a section; None where there is none, or with an error noted where it is broken."""
         raw = self.raw(name)
-        return xml_section(raw, name, self.trouble, fold) if raw is not None else None
+        if raw is None:
+            return None
+        return (
+            json_section(raw, name, self.trouble)
+            if name.endswith(".json")
+            else xml_section(raw, name, self.trouble, fold)
+        )
 
 
 def is_zip(raw: bytes) -> bool:
