@@ -91,8 +91,8 @@ class Store:
             return numbers(np.array([self.reference(things)]).T, UINT32, "<u4", 6, name)
         return numbers(value, name=name)
 
-    def written(self, defaults=None):
-        """The bytes of the subsystem."""
+    def written(self, defaults=None, version=4):
+        """The bytes of the subsystem; versions before 4 (R2021a has 3) know two regions less."""
         names = b"".join(name.encode() + b"\0" for name in self.names)
         names += b"\0" * (-(40 + len(names)) % 8)
         classes = [0] * 4
@@ -110,8 +110,8 @@ class Store:
         offsets = [40 + len(names)]
         for region in regions:
             offsets.append(offsets[-1] + 4 * len(region))
-        offsets += [offsets[-1]] * (8 - len(offsets))
-        words = struct.pack("<II8I", 4, len(self.names), *offsets) + names
+        offsets += [offsets[-1] if version > 3 else 0] * (8 - len(offsets))
+        words = struct.pack("<II8I", version, len(self.names), *offsets) + names
         table = words + np.array([word for region in regions for word in region], "<i4").tobytes()
         last = [numbers(np.zeros((0, 0)))]
         last += [
@@ -128,18 +128,18 @@ class Store:
         return b"\0\1IM\0\0\0\0" + struct_of({"MCOS": wrapper})
 
 
-def mxarray(variables, defaults=None):
+def mxarray(variables, defaults=None, version=4):
     """A model workspace: the bytes of a `.mxarray` part."""
     store, fields = Store(), {}
     for name, value in variables.items():
         if isinstance(value, Thing):
             reference = np.array([store.reference([value])]).T
-            fields[name] = opaque(value.kind, numbers(reference, UINT32, "<u4", 6), name="")
+            fields[name] = opaque(value.kind, numbers(reference, UINT32, "<u4", 6))
         else:
             fields[name] = store.value(value)
     raw = b"\0\1IM\0\0\0\0" + struct_of(fields)
     if store.objects:
-        raw += numbers(np.frombuffer(store.written(defaults), np.uint8)[:, None], UINT8, "u1", 2)
+        raw += numbers(np.frombuffer(store.written(defaults, version), np.uint8)[:, None], UINT8, "u1", 2)
     return raw
 
 

@@ -130,7 +130,7 @@ def test_what_concerns_the_whole_model_is_kept(read):
 
 def test_the_release_is_told_by_all_but_classic_files():
     versions = [document(engine().written(layout), Path("e")).version for layout in LAYOUTS]
-    assert versions == ["R2019b", "R2019b", "8.5", "R2019b"]
+    assert versions == ["R2019b", "R2019b", "R2019b", "8.5", "R2019b"]
 
 
 def test_all_layouts_give_the_same_tree():
@@ -298,6 +298,12 @@ def test_what_is_broken_is_told_in_a_sentence(raw, said):
     assert said in str(raised.value)
 
 
+@pytest.mark.parametrize("text", ["{", "[]", '{"a": ' * 100_000, '{"a":' * 500 + "1" + "}" * 500, '{"b": 1, "c": 2}'])
+def test_json_that_is_broken_or_nothing_of_ours_is_refused(text):
+    with pytest.raises(InputError, match=r"m\.slx simulink/blockDiagram\.json"):
+        document(zipped({"simulink/blockDiagram.json": text}), Path("m.slx"))
+
+
 def test_entities_are_refused_where_they_are_declared():
     bomb = '<!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><ModelInformation><Model>&c;</Model></ModelInformation>'
     file = '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><ModelInformation>&b;</ModelInformation>'
@@ -382,7 +388,7 @@ def test_garbled_copies_are_read_or_refused_but_never_crash(layout):
         read_or_refused(bytes(raw))
 
 
-@pytest.mark.parametrize("layout", ["slx inline", "slx parts"])
+@pytest.mark.parametrize("layout", ["slx inline", "slx parts", "slx json"])
 def test_garbled_parts_of_whole_archives_are_read_or_refused(layout, tmp_path):
     """The zip's own checks would stop garbled bytes before any of ours."""
     chance = random.Random(7)

@@ -36,8 +36,9 @@ def test_plain_values_are_read():
     assert found["S"].value["b"]["c"].tolist() == [[1.0, 2.0]]
 
 
-def test_parameter_objects_are_read_with_their_limits():
-    found = mxarray_variables(mxarray(parameters(), {"Simulink.Parameter": {"DataType": "auto"}}))
+@pytest.mark.parametrize("version", [2, 3, 4])
+def test_parameter_objects_are_read_with_their_limits(version):
+    found = mxarray_variables(mxarray(parameters(), {"Simulink.Parameter": {"DataType": "auto"}}, version))
     p, q = found.entries["P"], found.entries["Q"]
     assert found.unreadable == {}
     np.testing.assert_array_equal(p.value, np.arange(6.0).reshape(2, 3))
@@ -73,6 +74,16 @@ def test_objects_without_their_properties_are_told_by_name():
     found = mxarray_variables(raw[: 16 + size])
     assert list(found.entries) == ["K"]
     assert found.unreadable == {"P": "Simulink.Parameter: the file does not hold its properties"}
+
+
+def test_a_property_that_cannot_be_decoded_does_not_take_the_value_with_it():
+    z = Thing("Simulink.Parameter", {"Value": 3.0, "Extra": Thing("A.B", {"Value": 1.0})})
+    raw = bytearray(mxarray({"P": z}))
+    tag = np.array([0xDD000000], "<u4").tobytes()
+    at = raw.rindex(tag)
+    raw[at + 16 : at + 20] = (99).to_bytes(4, "little")
+    found = mxarray_variables(bytes(raw))
+    assert (found.entries["P"].value.tolist(), "Extra" in found.entries["P"].properties) == ([[3.0]], False)
 
 
 def test_variables_kept_as_pairs_of_name_and_value_are_read():
