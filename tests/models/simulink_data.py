@@ -143,6 +143,14 @@ def mxarray(variables, defaults=None, version=4):
     return raw
 
 
+def pairs(variables):
+    """A model workspace as classic files hold it: structs with a name and a value each."""
+    names = b"".join(key.encode().ljust(6, b"\0") for key in ("Name", "Value"))
+    values = [part for name, value in variables.items() for part in (text(name), Store().value(value))]
+    head = (element(5, struct.pack("<i", 6)), element(1, names))
+    return b"\0\1IM\0\0\0\0" + array(STRUCT, (len(variables), 1), *head, *values)
+
+
 def entry(value, kind="", name="Value"):
     """A property of a data dictionary: numbers column by column, texts, structs, cells."""
     if isinstance(value, str):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from simulink_data import Thing, mxarray, numbers, struct_of
+from simulink_data import Thing, mxarray, pairs
 from simulink_files import LAYOUTS, Model
 
 from kennfeld.models.simulink.data import Entry
@@ -86,9 +86,17 @@ def test_a_property_that_cannot_be_decoded_does_not_take_the_value_with_it():
     assert (found.entries["P"].value.tolist(), "Extra" in found.entries["P"].properties) == ([[3.0]], False)
 
 
-def test_variables_kept_as_pairs_of_name_and_value_are_read():
-    pair = struct_of({"Name": numbers([[0.0]]), "Value": numbers([[3.0]])})
-    assert mxarray_variables(b"\0\1IM\0\0\0\0" + pair).entries["Value"].value.tolist() == [[3.0]]
+@pytest.mark.parametrize("variables", [{"K": 3.0}, {"K": 3.0, "name": "x", "M": [[1.0, 2.0]]}])
+def test_variables_kept_as_pairs_of_name_and_value_are_read(variables):
+    read = document(Model(workspace=pairs(variables)).written("mdl"), Path("m.mdl"))
+    found = workspace_variables(read.workspace)
+    assert list(found.entries) == list(variables)
+    assert found.entries["K"].value.tolist() == [[3.0]]
+
+
+def test_two_variables_that_are_called_name_and_value_are_two():
+    found = mxarray_variables(mxarray({"Name": 1.0, "Value": 2.0})).entries
+    assert [entry.value.item() for entry in found.values()] == [1.0, 2.0]
 
 
 def test_files_of_scipy_are_read():

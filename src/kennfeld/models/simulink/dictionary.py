@@ -192,13 +192,9 @@ def _value(section: Section, depth: int = 0) -> Value:
     if section.first("P") is not None:
         return entry_of("", kind, _struct(section, depth)) if kind else _struct(section, depth)
     if "." in kind:
-        return entry_of("", kind, {}) if not section.text.strip() else _enumerated(section)
+        # an enumeration says the name of its member, an object of which all is default says nothing
+        return section.text.strip() or entry_of("", kind, {})
     raise _Unreadable(f"it is of the unknown class {kind[:60] or 'none'}")
-
-
-def _enumerated(section: Section) -> Value:
-    """A member of an enumeration, by its name."""
-    return section.text.strip()
 
 
 def _struct(section: Section, depth: int) -> dict[str, Value]:

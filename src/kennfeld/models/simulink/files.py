@@ -3,6 +3,7 @@
 import contextlib
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -56,13 +57,7 @@ def document(raw: bytes, path: Path) -> Document:
     remarks = trouble.settle()
     if read is None:
         raise InputError.of(path.name, "is no Simulink file", _MEND)
-    return read if not remarks else _remarked(read, remarks)
-
-
-def _remarked(read: Document, remarks: tuple[str, ...]) -> Document:
-    from dataclasses import replace
-
-    return replace(read, remarks=remarks)
+    return replace(read, remarks=remarks) if remarks else read
 
 
 def _bytes(path: Path) -> bytes:

@@ -1,6 +1,7 @@
 """The variables of a model workspace: as the model file keeps them, or as a MAT-file.
 
-`modelWorkspace.mxarray` is a struct whose fields are the variables, then the subsystem with the properties of their
+`modelWorkspace.mxarray` is a struct whose fields are the variables (in classic files an array of structs with a Name
+and a Value each), then the subsystem with the properties of their
 objects: elements of a MAT-file of level 5 behind eight bytes instead of the 128 of a file.
 """
 
@@ -53,11 +54,16 @@ def mxarray_variables(raw: bytes) -> Data:
     if not found:
         return Data()
     fields, further = found[0][2], found[1:]
-    if isinstance(fields, tuple):
-        return _read(_paired(fields), further)
+    if isinstance(fields, tuple) or _is_pair(fields):
+        return _read(_paired(fields if isinstance(fields, tuple) else (fields,)), further)
     if not isinstance(fields, dict):
         return Data(unreadable={"": "the model workspace is in an unknown form"})
     return _read([(name, "", value) for name, value in fields.items()], further)
+
+
+def _is_pair(fields: Plain) -> bool:
+    """Whether a struct is one variable with its name, not two variables."""
+    return isinstance(fields, dict) and fields.keys() == {"Name", "Value"} and isinstance(fields["Name"], str)
 
 
 def _paired(fields: tuple[Plain, ...]) -> list[tuple[str, str, Plain]]:
