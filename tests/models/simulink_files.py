@@ -13,14 +13,16 @@ special one. Parameters are texts as Simulink writes them; numbers are written b
 
 import base64
 import io
+import json
+import re
 import zipfile
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
-LAYOUTS = ("slx inline", "slx parts", "mdl", "mdl package")
-ENDINGS = {"slx inline": ".slx", "slx parts": ".slx", "mdl": ".mdl", "mdl package": ".mdl"}
+LAYOUTS = ("slx inline", "slx parts", "slx json", "mdl", "mdl package")
+ENDINGS = {layout: f".{layout[:3]}" for layout in LAYOUTS}
 SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 COUNTED = ("in", "out", "enable", "trigger", "state", "lconn", "rconn", "ifaction", "reset")
 
@@ -192,6 +194,8 @@ class Model(System):
         if layout == "mdl":
             return _classic(self).encode("utf-8")
         parts = _parts(self, separate=layout != "slx inline")
+        if layout == "slx json":
+            parts = _json_parts(self, parts)
         return _text_package(parts, self.release) if layout == "mdl package" else zipped(parts)
 
     def write(self, folder, layout="slx parts"):
@@ -265,6 +269,28 @@ def _parts(model, separate):
     parts["metadata/mwcoreProperties.xml"] = HEAD + release
     _charts_xml(model, parts, separate)
     return parts
+
+
+def _json_parts(model, parts):
+    """The parts with the diagram and its configuration as JSON, as the newest releases write them."""
+    diagram = {**model.callbacks, "SimulationSettings": {"SimulationMode": "normal"}, "System": {"Ref": "system_root"}}
+    if model.dictionary:
+        diagram["DataDictionary"] = model.dictionary
+    if model.code:
+        diagram["ModelWorkspace"] = {"WSDataSource": "MATLAB Code", "WSMATLABCode": model.code}
+    solver = {"_id": "2", "_object_class": "Simulink.SolverCC", "_properties": model.solver}
+    components = {"_array_class": "Simulink.ConfigComponent", "_dimensions": [1, 1], "_elements": [solver]}
+    configuration = {"_id": "1", "_object_class": "Simulink.ConfigSet", "_properties": {"Components": components}}
+    info = [{"Active": True, "ConfigSetName": "C", "PartName": "/simulink/configSet0.json"}]
+    kept = {name: part for name, part in parts.items() if not re.match(r"simulink/(blockdiagram|configSet\w+)\.", name)}
+    kind = f"application/vnd.mathworks.simulink.{model.kind.lower()}"
+    head = f"<mwcoreProperties><contentType>{kind}</contentType><matlabRelease>{model.release}</matlabRelease>"
+    return kept | {
+        "simulink/blockDiagram.json": json.dumps({"BlockDiagram": diagram}),
+        "simulink/configSetInfo.json": json.dumps({"ConfigSetInfo": info}),
+        "simulink/configSet0.json": json.dumps(configuration),
+        "metadata/mwcoreProperties.xml": f"{HEAD}{head}</mwcoreProperties>",
+    }
 
 
 def _system_xml(system, name, parts, separate):

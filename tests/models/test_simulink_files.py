@@ -9,6 +9,7 @@ from simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.files import document, read_document
+from kennfeld.models.simulink.ports import ports_of
 from kennfeld.models.simulink.tree import Endpoint, Ports, split
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
@@ -129,7 +130,7 @@ def test_what_concerns_the_whole_model_is_kept(read):
 
 def test_the_release_is_told_by_all_but_classic_files():
     versions = [document(engine().written(layout), Path("e")).version for layout in LAYOUTS]
-    assert versions == ["R2019b", "R2019b", "8.5", "R2019b"]
+    assert versions == ["R2019b", "R2019b", "R2019b", "8.5", "R2019b"]
 
 
 def test_all_layouts_give_the_same_tree():
@@ -201,6 +202,40 @@ def test_a_classic_file_is_read_in_the_encoding_it_names():
         assert document(written, Path("m.mdl")).root.blocks[0].name == "K\xfchlung"
 
 
+def test_a_mask_over_a_link_is_kept_with_the_instance():
+    mask = '<Mask><MaskParameter Name="k" Type="edit"><Value>3</Value></MaskParameter></Mask>'
+    link = f'<P Name="SourceBlock">lib/S</P><InstanceData><P Name="a">1</P>{mask}</InstanceData>'
+    read = document(
+        diagram(f'<System><Block BlockType="Reference" Name="L" SID="1">{link}</Block></System>'), Path("m")
+    )
+    [block] = read.root.blocks
+    assert [(p.name, p.expression) for p in block.mask.parameters] == [("k", "3")]
+    assert dict(block.reference.parameters) == {"a": "1"}
+
+
+def test_values_kept_in_another_part_are_named():
+    data = '<P Name="UserData" Ref="bdmxdata:UserData_1"/><P Name="Gain">2</P>'
+    read = document(diagram(f'<System><Block BlockType="Gain" Name="K" SID="1">{data}</Block></System>'), Path("m"))
+    [block] = read.root.blocks
+    assert (dict(block.attached), dict(block.parameters)) == ({"UserData": "bdmxdata:UserData_1"}, {"Gain": "2"})
+
+
+def test_special_ports_and_physical_connections_are_told_from_others():
+    blocks = "".join(f'<Block BlockType="X" Name="b{n}" SID="{n}"/>' for n in (1, 2))
+    lines = ("1#stateport", "1#out:3", "2#lconn:2", "2#Reset", "2#ifaction")
+    text = "".join(f'<Line><P Name="Src">{end}</P></Line>' for end in lines)
+    read = document(diagram(f"<System>{blocks}{text}</System>"), Path("m.slx"))
+    assert [(line.source.port, line.source.number) for line in read.root.lines] == [
+        ("state", 1), ("out", 3), ("lconn", 2), ("reset", 1), ("ifaction", 1),
+    ]  # fmt: skip
+
+
+def test_a_matrix_that_never_closes_ends_with_its_line():
+    read = document(b"Model {\nSystem {\nBlock {\nBlockType Gain\nName g\nGain [1\nOther [2\n}\n}\n}\n", Path("m.mdl"))
+    assert read.root.blocks[0].parameters["Gain"].startswith("[1")
+    assert read.root.blocks[0].name == "g"
+
+
 def test_a_matrix_may_go_on_over_lines_and_comments_are_left_out():
     text = "# made by hand\nModel {\n System {\n Block {\n BlockType Constant\n Name c\n Value [1 2;\n 3 4]\n"
     read = document((text + " # no value\n SampleTime -1\n}\n}\n}\n").encode(), Path("m.mdl"))
@@ -261,6 +296,12 @@ def test_what_is_broken_is_told_in_a_sentence(raw, said):
         document(raw, Path("engine.slx"))
     assert all(str(finding).startswith("engine.slx") for finding in raised.value.findings)
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"a": ' * 100_000, '{"a":' * 500 + "1" + "}" * 500, '{"b": 1, "c": 2}'])
+def test_json_that_is_broken_or_nothing_of_ours_is_refused(text):
+    with pytest.raises(InputError, match=r"m\.slx simulink/blockDiagram\.json"):
+        document(zipped({"simulink/blockDiagram.json": text}), Path("m.slx"))
 
 
 def test_entities_are_refused_where_they_are_declared():
@@ -347,7 +388,7 @@ def test_garbled_copies_are_read_or_refused_but_never_crash(layout):
         read_or_refused(bytes(raw))
 
 
-@pytest.mark.parametrize("layout", ["slx inline", "slx parts"])
+@pytest.mark.parametrize("layout", ["slx inline", "slx parts", "slx json"])
 def test_garbled_parts_of_whole_archives_are_read_or_refused(layout, tmp_path):
     """The zip's own checks would stop garbled bytes before any of ours."""
     chance = random.Random(7)
@@ -417,6 +458,18 @@ def test_real_files_hold_as_many_blocks_lines_and_ends_as_their_text(name, versi
     ends = len(re.findall(r"^\s*DstBlock" if classic else r'<P Name="Dst">', text, re.MULTILINE))
     assert sum(len(line.destinations) for line in lines) == ends
     assert (read.version, read.remarks) == (version, ())
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_no_line_of_a_real_file_ends_at_a_port_that_is_not_counted(name):
+    root = read_document(needs_data(name)).root
+    systems = [root, *(block.system for block in root.every() if block.system is not None)]
+    for system in systems:
+        ends = [end for line in system.lines for end in (line.source, *line.destinations) if end is not None]
+        for end in ends:
+            ports = ports_of(system.by_sid[end.block])
+            kinds = {"in": "inputs", "out": "outputs"}
+            assert end.number <= getattr(ports, kinds.get(end.port, end.port))
 
 
 def test_real_files_show_their_masks_charts_and_links():

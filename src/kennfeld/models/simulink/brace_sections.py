@@ -12,11 +12,11 @@ from kennfeld.models.simulink.trouble import RefusedError, Trouble
 
 __all__ = ["brace_sections", "brace_text"]
 
-_LINE = re.compile(r"\s*([^\s{}\"]+)[ \t]*(.*?)\s*$", re.DOTALL)
+_LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPED = {"n": "\n", "t": "\t", "r": "\r"}
-_ENCODING = re.compile(rb'^\s*SavedCharacterEncoding\s+"([^"\n]{1,40})"', re.MULTILINE)
+_ENCODING = re.compile(rb'^[ \t]*+SavedCharacterEncoding[ \t]++"([^"\n]{1,40})"', re.MULTILINE)
 _ENCODINGS = {
     "utf-8": "utf-8",
     "us-ascii": "utf-8",
@@ -36,7 +36,7 @@ _ENCODINGS = {
     "windows-949": "cp949",
 }
 _HEAD = 65536
-_LONGEST_MATRIX = 5000  # lines
+_LONGEST_MATRIX = 2000  # lines
 
 
 def brace_text(raw: bytes) -> str:
@@ -69,6 +69,7 @@ class _Reader:
         self.top: list[Section] = []
         self.open: list[Section] = []
         self.count = 0
+        self.whole = True  # whether every matrix so far had its closing bracket
 
     def read(self) -> None:
         while self.at < len(self.lines):
@@ -117,7 +118,7 @@ class _Reader:
     def _value(self, value: str) -> str:
         if value.startswith('"'):
             return self._string(value)
-        return self._matrix(value) if "[" in value else value
+        return self._matrix(value) if "[" in value and self.whole else value
 
     def _string(self, value: str) -> str:
         pieces = [_piece(value)]
@@ -140,8 +141,8 @@ class _Reader:
             pieces.append(line)
             depth += line.count("[") - line.count("]")
             self.at += 1
-        if depth > 0:
-            self.at = start
+        if depth > 0:  # looking ahead once more for each of them would take forever
+            self.at, self.whole = start, False
             return value
         return " ".join(pieces)
 

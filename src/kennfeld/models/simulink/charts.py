@@ -1,5 +1,6 @@
 """Stateflow charts from the sections of a file, of the XML layouts and of classic `.mdl` files."""
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 
 from kennfeld.models.simulink.chart import Chart, ChartData, ChartEvent, ChartState, Junction, Transition
@@ -33,7 +34,7 @@ def charts_of(stateflow: Section, load: Callable[[str], Section | None]) -> dict
     for section in sections:
         number = section.keys.get("id", "")
         name = normalised(names.get(number) or section.keys.get("name", ""))
-        charts[name] = _chart(section, name, flat.content(number) if flat is not None else _nested(section))
+        charts[name] = _chart(section, name, flat.content.get(number, []) if flat is not None else _nested(section))
     return charts
 
 
@@ -47,9 +48,9 @@ Content = list[tuple[Section, str, str]]  # section, its id, the id of the state
 def _nested(chart: Section) -> Content:
     """What an XML chart holds, each with the state around it."""
     found: Content = []
-    waiting: list[tuple[Section, str]] = [(chart, "")]
+    waiting: deque[tuple[Section, str]] = deque([(chart, "")])
     while waiting:
-        holder, parent = waiting.pop(0)
+        holder, parent = waiting.popleft()
         children = holder.first("Children")
         for part in children.parts if children is not None else ():
             if part.kind in _TABLES:
@@ -64,16 +65,14 @@ class _Flat:
     """A classic machine: everything in one list, tied together by numbers."""
 
     def __init__(self, stateflow: Section) -> None:
-        self.parts = list(stateflow.all(*_TABLES))
-        self.numbers = {part.keys.get("id", ""): part.keys.get("ssIdNumber", "") for part in self.parts}
+        parts = list(stateflow.all(*_TABLES))
+        self.states = {part.keys.get("id", ""): part for part in parts if part.kind == "state"}
+        self.numbers = {part.keys.get("id", ""): part.keys.get("ssIdNumber", "") for part in parts}
         self.charts = {chart.keys.get("id", "") for chart in stateflow.all("chart")}
-
-    def content(self, chart: str) -> Content:
-        return [
-            (part, self.numbers[part.keys.get("id", "")], self._parent(part))
-            for part in self.parts
-            if self._chart(part) == chart
-        ]
+        self.content: dict[str, Content] = {}
+        for part in parts:
+            entry = (part, self.numbers[part.keys.get("id", "")], self._parent(part))
+            self.content.setdefault(self._chart(part), []).append(entry)
 
     def _up(self, part: Section) -> str:
         """The number of what a part belongs to: the first of its treeNode or linkNode."""
@@ -91,11 +90,8 @@ class _Flat:
         up = self._up(part)
         if up in self.charts:
             return up
-        state = next((p for p in self.parts if p.kind == "state" and p.keys.get("id") == up), None)
+        state = self.states.get(up)
         return state.keys.get("chart", "") if state is not None else ""
-
-    def number(self, end: Section | None) -> str:
-        return self.numbers.get(end.keys.get("id", ""), "") if end is not None else ""
 
 
 def _chart(section: Section, name: str, content: Content) -> Chart:

@@ -3,6 +3,7 @@
 import contextlib
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,6 +25,9 @@ _DIAGRAMS = ("Model", "Library", "Subsystem")
 _HEAD = 65536
 _CLASSIC = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:Model|Library|Subsystem)\s*\{")
 _ROOT = "simulink/blockdiagram.xml"
+_NEW_ROOT = "simulink/blockDiagram.json"  # of R2026b and later, whose systems remain XML
+_NEW_DIAGRAM = "BlockDiagram"
+_FIRST_CONFIGURATION = "simulink/configSet0.xml"
 _RELEASES = ("metadata/mwcoreProperties.xml", "metadata/mwcorePropertiesReleaseInfo.xml")
 _MEND = "Simulink files end in .slx or .mdl."
 _LARGEST = 1_000_000_000  # bytes
@@ -53,13 +57,7 @@ def document(raw: bytes, path: Path) -> Document:
     remarks = trouble.settle()
     if read is None:
         raise InputError.of(path.name, "is no Simulink file", _MEND)
-    return read if not remarks else _remarked(read, remarks)
-
-
-def _remarked(read: Document, remarks: tuple[str, ...]) -> Document:
-    from dataclasses import replace
-
-    return replace(read, remarks=remarks)
+    return replace(read, remarks=remarks) if remarks else read
 
 
 def _bytes(path: Path) -> bytes:
@@ -94,19 +92,20 @@ def _packed(raw: bytes, path: Path, trouble: Trouble) -> Document | None:
     package = zip_package(raw, trouble) if is_zip(raw) else text_package(raw, trouble)
     if trouble.errors:
         return None
-    if _ROOT not in package:
+    name = next((name for name in (_ROOT, _NEW_ROOT) if name in package), None)
+    if name is None:
         raise _no_diagram(package, trouble)
-    root = package.section(_ROOT)
+    root = package.section(name)
     if root is None:
         return None
     model = next(_diagrams(root), None)
     if model is None:
-        raise trouble.refuse(_ROOT, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _MEND)
+        raise trouble.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _MEND)
     return _of_package(package, model, path, trouble)
 
 
 def _diagrams(root: Section) -> Iterator[Section]:
-    if root.kind in _DIAGRAMS:
+    if root.kind in (*_DIAGRAMS, _NEW_DIAGRAM):
         yield root
     yield from root.all(*_DIAGRAMS)
 
@@ -142,10 +141,12 @@ def _charts(package: Package) -> dict[str, Chart]:
 
 def _configuration(package: Package) -> Section | None:
     """The part of the active configuration; the first where none is called active."""
-    info = package.section("simulink/configSetInfo.xml")
-    named = list(info.all("ConfigSet")) if info is not None else []
-    active = next((part for part in named if part.keys.get("Active") == "true"), None) or next(iter(named), None)
-    name = active.keys.get("PartName", "").lstrip("/") if active is not None else "simulink/configSet0.xml"
+    info = package.section("simulink/configSetInfo.xml") or package.section("simulink/configSetInfo.json")
+    named = list(info.all("ConfigSet", "ConfigSetInfo")) if info is not None else []
+    active = next((part for part in named if part.keys.get("Active") in ("true", "on")), None) or next(
+        iter(named), None
+    )
+    name = active.keys.get("PartName", "").lstrip("/") if active is not None else _FIRST_CONFIGURATION
     return package.section(name)
 
 
@@ -166,6 +167,12 @@ class Parts:
         self.sections = sections
         self.trouble = trouble
 
+    def kind(self) -> Literal["model", "library", "subsystem"]:
+        """What the package says that it is, where the diagram does not."""
+        core = self.package.section(_RELEASES[0]) if self.package is not None else None
+        content = core.get("contentType").lower() if core is not None else ""
+        return "library" if "library" in content else "subsystem" if "subsystem" in content else "model"
+
 
 def _document(
     model: Section, path: Path, version: str, builder: Builder, solver: Solver, name: str, parts: Parts
@@ -176,7 +183,7 @@ def _document(
     dictionary = setting(model, "DataDictionary")
     return Document(
         name=name,
-        kind=kinds.get(model.kind, "model"),
+        kind=kinds.get(model.kind) or (parts.kind() if model.kind == _NEW_DIAGRAM else "model"),
         version=version,
         path=path,
         root=root,

@@ -18,7 +18,8 @@ _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
 
 def mask_of(block: Section) -> Mask | None:
     """The mask in a block's section; None where it has none."""
-    element = block.first("Mask")
+    instance = block.first("InstanceData")
+    element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
     if element is not None:
         return _mask(element, element.all("MaskParameter"))
     made = next((p for p in block.parts if p.keys.get("PropName") == "MaskObject"), None)
@@ -73,7 +74,7 @@ def _split(text: str) -> list[str]:
 
 def _styles(text: str) -> list[str]:
     """The kinds of the dialog's fields; the choices of a popup, in brackets, are left out."""
-    return re.sub(r"\([^)]*\)", "", text).split(",")
+    return re.sub(r"\([^()]*\)", "", text).split(",")
 
 
 def _at(texts: list[str], at: int) -> str:

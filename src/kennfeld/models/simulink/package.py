@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from kennfeld.archives import overgrown
+from kennfeld.models.simulink.json_sections import json_section
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.trouble import Trouble
 from kennfeld.models.simulink.xml_sections import xml_section
@@ -18,7 +19,7 @@ __all__ = ["Package", "is_text_package", "is_zip", "text_package", "zip_package"
 
 _BEGIN = b"__MWOPC_PART_BEGIN__"
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
-_PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]+(\S+)[ \t]*(\S*)[^\n]*\n", re.MULTILINE)
+_PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)
 _END = re.compile(rb"^__MWOPC_PACKAGE_END__", re.MULTILINE)
 _COPY = "Take a complete copy of the file."
 _ALWAYS = 50_000_000  # bytes that any file may unpack to
@@ -66,10 +67,16 @@ class Package:
             return None
         return raw
 
-    def section(self, name: str) -> Section | None:
-        """An XML part as a section; None where there is none, or with an error noted where it is broken."""
+    def section(self, name: str, fold: bool = True) -> Section | None:
+        """An XML or JSON part as a section; None where there is none, or with an error noted where it is broken."""
         raw = self.raw(name)
-        return xml_section(raw, name, self.trouble) if raw is not None else None
+        if raw is None:
+            return None
+        return (
+            json_section(raw, name, self.trouble)
+            if name.endswith(".json")
+            else xml_section(raw, name, self.trouble, fold)
+        )
 
 
 def is_zip(raw: bytes) -> bool:
@@ -110,7 +117,7 @@ def text_package(raw: bytes, trouble: Trouble) -> Package:
     texts = {}
     for part, stop in zip(found, stops, strict=False):
         name = part[1].decode("utf-8", "replace").lstrip("/")
-        texts[name] = _content(raw[part.end() : stop], part[2].upper() == b"BASE64", name, trouble)
+        texts[name] = _content(raw[part.end() : stop], part[2].strip().upper() == b"BASE64", name, trouble)
     named = release[1].decode("ascii", "replace") if release else ""
     return Package(trouble, texts=texts, release=named)
 

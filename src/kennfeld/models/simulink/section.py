@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 __all__ = ["DEEPEST", "MOST_SECTIONS", "Section"]
 
 DEEPEST = 200  # sections within sections; a subsystem takes two of them, and models have about ten subsystems in a row
-MOST_SECTIONS = 3_000_000  # in one file; a model of 10 000 blocks has some 30 000
+MOST_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has some 30 000
 
 
 @dataclass(slots=True)

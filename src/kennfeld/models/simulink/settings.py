@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.tree import Solver
 
-__all__ = ["active_configuration", "callbacks_of", "defaults_of", "setting", "solver_of"]
+__all__ = ["active_configuration", "callbacks_of", "defaults_of", "setting", "solver_from", "solver_of"]
 
 _CALLBACKS = (
     "PreLoadFcn",
@@ -68,6 +68,15 @@ def solver_of(configuration: Section | None, model: Section) -> Solver:
         return Solver(reference=elsewhere.get("SourceName") or elsewhere.get("WSVarName"))
     found = next(configuration.classed(_SOLVER), None)
     return _solver(found if found is not None else model)
+
+
+def solver_from(entry: Section) -> Solver:
+    """The solver of a configuration in a data dictionary, whose properties are sections of their own."""
+    found = next((part for part in entry.every() if part.keys.get("Class") == _SOLVER), entry)
+    said = {part.keys.get("Name", ""): part.text for part in found.all("P")}
+    name = said.get("SolverName") or said.get("Solver", "")
+    step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
+    return Solver(name, step, start, stop, largest, said.get("SourceName", ""))
 
 
 def _solver(section: Section) -> Solver:

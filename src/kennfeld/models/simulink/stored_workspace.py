@@ -1,5 +1,7 @@
 """Where a file keeps the variables of its model workspace."""
 
+import numpy as np
+
 from kennfeld.models.simulink.package import Package
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.settings import setting
@@ -51,8 +53,6 @@ def _encoded(model: Section, sections: list[Section], trouble: Trouble) -> Works
 
 def _bytes(text: str) -> bytes:
     """The bytes of a text of 6 bits a character, the blank being 0; the back quote stands for the blank."""
-    import numpy as np
-
     characters = np.frombuffer(text.encode("latin-1", "replace"), dtype=np.uint8)
     sixes = ((characters - 32) & 63).astype(np.uint32)
     sixes = sixes[: sixes.size // 4 * 4].reshape(-1, 4)

@@ -139,7 +139,8 @@ class Block:
 
     `sid` is unique within its system; where the file gives none, it is made of the block's place. `path` leads from
     the root of the model, without the model's name. `parameters` are those the file states for this block, `defaults`
-    those it states for all blocks of the type. `ports` is None where the file leaves them to the type. `script` is the
+    those it states for all blocks of the type. `ports` is None where the file leaves them to the type (`ports_of`
+    knows those of the types). `script` is the
     code of a MATLAB Function, `chart` that of any Stateflow block; `model` the file name of a referenced model.
     `signals` are the names of output ports; `attached` names parts of the file that hold a parameter's value.
     """

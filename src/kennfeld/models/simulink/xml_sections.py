@@ -14,9 +14,12 @@ __all__ = ["xml_section"]
 _DAMAGED = "The file may be cut off or damaged: take a complete copy."
 
 
-def xml_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
-    """The root of an XML part as a section; None with an error noted where it is broken or refused."""
-    builder = _Builder(part, trouble)
+def xml_section(raw: bytes, part: str, trouble: Trouble, fold: bool = True) -> Section | None:
+    """The root of an XML part as a section; None with an error noted where it is broken or refused.
+
+    `fold` makes `<P Name="key">value</P>` a key of the section around it; without it, it stays a section.
+    """
+    builder = _Builder(part, trouble, fold)
     try:
         builder.parser.Parse(raw.lstrip(), True)
     except RefusedError:
@@ -30,8 +33,9 @@ def xml_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
 
 
 class _Builder:
-    def __init__(self, part: str, trouble: Trouble) -> None:
+    def __init__(self, part: str, trouble: Trouble, fold: bool) -> None:
         self.part = part
+        self.fold = fold
         self.trouble = trouble
         self.root: Section | None = None
         self.open: list[Section] = []
@@ -48,10 +52,10 @@ class _Builder:
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         self.count += 1
-        if name == "P" and "Name" in attributes and self.open and self.key is None:
+        if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
             self._key(attributes)
             return
-        self._text()
+        self.pieces.clear()
         section = Section(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         if self.open:
             self.open[-1].parts.append(section)
@@ -64,7 +68,7 @@ class _Builder:
             raise self._refused(f"has more than {MOST_SECTIONS} elements")
 
     def _key(self, attributes: dict[str, str]) -> None:
-        self._text()
+        self.pieces.clear()
         key = attributes["Name"]
         if "Ref" in attributes:
             self.open[-1].links[key] = attributes["Ref"]
@@ -78,15 +82,9 @@ class _Builder:
             self.key = None
             self.pieces.clear()
             return
-        self._text()
-        self.open.pop()
-
-    def _text(self) -> None:
-        """Give the characters since the last tag to the section around them."""
-        if self.pieces and self.open:
-            text = "".join(self.pieces)
-            if not self.open[-1].parts and (text.strip() or not self.open[-1].text):
-                self.open[-1].text += text
+        section = self.open.pop()
+        if self.pieces and not section.parts:
+            section.text = "".join(self.pieces)
         self.pieces.clear()
 
     def _entity(self, name: str, *_: object) -> None:
