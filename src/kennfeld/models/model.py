@@ -25,7 +25,7 @@ class Model:
     `step` is the model's own step in s, None where the data decide. `declared` are the parameters that the source
     declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
     or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
-    `surrogates` are the data-driven models that it calls.
+    `surrogates` are the data-driven models that it calls. `values` are the parameters that the source gives values.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -40,6 +40,7 @@ class Model:
     source: str = ""
     places: Mapping[str, str] = field(default_factory=_nothing)
     surrogates: "tuple[Surrogate, ...]" = ()
+    values: ParameterSet = field(default_factory=ParameterSet)
 
     @property
     def carried(self) -> ParameterSet:

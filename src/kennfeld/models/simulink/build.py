@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kennfeld.graph import CLOCK
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.declared import Declared
@@ -36,11 +37,11 @@ class Failure(NamedTuple):
 
 @dataclass
 class Guesses:
-    """What an earlier pass found of the memories: their shapes, and the sample times of their blocks."""
+    """What an earlier pass found: the shapes of memories, the sample times of their blocks, names of two things."""
 
     shapes: dict[tuple[Atom, int], tuple[int, ...]] = field(default_factory=dict)
     periods: dict[Atom, float] = field(default_factory=dict)
-    early: set[tuple[Atom, Atom]] = field(default_factory=set)
+    taken: frozenset[str] = frozenset()
     changed: bool = False
 
     def shape(self, key: tuple[Atom, int], found: tuple[int, ...]) -> None:
@@ -58,7 +59,7 @@ class Weaver:
     """One pass over the blocks. `bound` gives the nodes of blocks that are cut, `clock` the steps of the model."""
 
     def __init__(
-        self, flat: Flat, clock: Clock, promoted: Iterable[str], bound: Callable[["Weaver", Atom], Wired], guesses: Guesses
+        self, flat: Flat, clock: Clock, promoted: Iterable[str], bound: Callable[["Weaver", Atom], Wired | tuple[Wired, ...]], guesses: Guesses
     ) -> None:
         self.flat = flat
         self.clock = clock
@@ -70,7 +71,7 @@ class Weaver:
         self.failures: dict[Atom, Failure] = {}
         self.loops: list[tuple[Atom, ...]] = []
         self.integrated: list[Integrated] = []
-        self.inputs: dict[str, Atom] = {}
+        self.inputs: dict[str, Atom | None] = {}
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
         self._begun: set[Atom] = set()
@@ -193,6 +194,19 @@ class Weaver:
     def _unsound(self, atom: Atom) -> tuple[Wired, ...]:
         count = atom.block.ports.outputs if atom.block.ports is not None else 1
         return tuple(self._nan() for _ in range(max(count, 1)))
+
+    def input_name(self, atom: Atom) -> str:
+        """The name of the channel that a port takes."""
+        name = atom.block.name if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
+        if name in self.guesses.taken or name in CLOCK:
+            name = f"{name}_in"
+        self.inputs[name] = atom
+        return name
+
+    def missing(self, atom: Atom, number: int) -> Signal:
+        """The signal of an output that is not bound though another of the block is."""
+        self._fail(atom, f"its output {number} is not bound", f'Bind it as well: "{atom.path}:{number}".')
+        return self._nan()
 
     # parameters
 
@@ -457,6 +471,9 @@ def settled(make: Callable[[Guesses], Weaver], goals: Mapping[str, Atom] | Itera
         guesses.changed = False
         weaver = make(guesses)
         weaver.demand(goals.values() if isinstance(goals, Mapping) else goals)
+        doubled = guesses.taken | (weaver.inputs.keys() & weaver.declared.parameters.keys())
+        guesses.changed |= doubled != guesses.taken
+        guesses.taken = doubled
         if not guesses.changed:
             break
     return weaver

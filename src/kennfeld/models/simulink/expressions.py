@@ -43,6 +43,8 @@ _CONSTANTS: Final = {
     "pi": math.pi, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "eps": 2.0**-52, "true": 1.0,
     "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),
 }  # fmt: skip
+_SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
+_LONGEST: Final = 1_000_000  # elements of an array that an expression makes
 _CASTS: Final = (
     "double single boolean logical int8 int16 int32 int64 uint8 uint16 uint32 uint64".split()
 )  # physical values are kept
@@ -122,7 +124,7 @@ class Expressions:
 
         if names:
             raise NoValueError(why)
-        given = evaluated(tree, text, lambda name: self._number(name, scope))
+        given = evaluated(tree, text, lambda name: self._number(name, scope), why)
         if live and any(isinstance(scope.find(name), (Variable, Masked)) for name in given.names):
             self.frozen[text.strip()] = why
         return self.constant(given.value)
@@ -194,6 +196,8 @@ class _Walk:
                 return self.nodes(operand).T
             case m.Matrix(rows):
                 return self._matrix(rows)
+            case m.Range():
+                return self._range(tree)
             case m.Call():
                 return self._call(tree)
         raise _BeyondGraphError(f"{type(tree).__name__} is none of what a graph can say")
@@ -230,6 +234,23 @@ class _Walk:
         lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
         return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
 
+    def _range(self, tree: m.Range) -> Nodes:
+        """Evenly spaced numbers; rounding does not take the last one away."""
+        ends = [self._number(part) for part in (tree.first, tree.step or m.Number(1.0), tree.last)]
+        first, step, last = ends
+        count = int(math.floor((last - first) / step * (1 + 1e-12) + 1e-10)) + 1 if step else 0
+        if count > _LONGEST:
+            raise NoValueError(f"a range of {count} numbers is too long")
+        numbers = first + step * np.arange(max(count, 0))
+        return np.array([[self.loom.const(float(n)) for n in numbers]], dtype=np.int64).reshape(1, -1)
+
+    def _number(self, tree: m.Expression) -> float:
+        """One number that is fixed."""
+        found = self.of.values(_Walk(self.of, self.scope, False, self.names).nodes(tree))
+        if found.size != 1:
+            raise NoValueError(f"{found.size} numbers stand where one is expected")
+        return float(found.item())
+
     def _field(self, tree: m.Field) -> Held:
         """A part of a struct: a variable of its own, called by the way to it."""
         way = way_of(tree)
@@ -257,11 +278,41 @@ class _Walk:
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
+        if name in _SHAPES:
+            return self._shaped(name, tree.arguments)
         args = [self.nodes(argument) for argument in tree.arguments]
         made = _function(self.loom, name, args)
         if made is None:
             raise _BeyondGraphError(f"the function {name} is for numbers")
         return made
+
+    def _shaped(self, name: str, arguments: tuple[m.Expression, ...]) -> Nodes:
+        """A function that makes or shapes an array of fixed size."""
+        own = 1 if name == "reshape" else 0
+        sizes = [int(n) for part in arguments[own:] if part != m.Matrix(((),)) for n in self._sizes(part)]
+        if name == "linspace":
+            first, last, count = (*map(self._number, arguments), 100.0)[:3]
+            if not 1 <= count <= _LONGEST:
+                raise NoValueError(f"linspace of {count:g} numbers")
+            return np.array([[self.loom.const(float(n)) for n in np.linspace(first, last, int(count))]], dtype=np.int64)
+        if name == "reshape":
+            array = self.nodes(arguments[0])
+            shape = [-1 if part == m.Matrix(()) else int(self._number(part)) for part in arguments[1:]]
+            shape = sizes if len(arguments) == 2 else shape
+            if min(shape) < -1 or array.size > _LONGEST:
+                raise NoValueError(f"reshape to {shape}")
+            try:
+                return array.reshape(shape, order="F")
+            except ValueError:
+                raise NoValueError(f"{array.size} elements do not fit the shape {shape}") from None
+        shape = sizes * 2 if len(sizes) == 1 else sizes or [1, 1]
+        if min(shape) < 0 or math.prod(shape) > _LONGEST:
+            raise NoValueError(f"{name} of the size {shape}")
+        return np.full(shape, self.loom.const(_SHAPES[name]), dtype=np.int64)
+
+    def _sizes(self, tree: m.Expression) -> list[float]:
+        found = self.of.values(_Walk(self.of, self.scope, False, self.names).nodes(tree))
+        return [float(n) for n in found.ravel()]
 
     def _is_array(self, name: str) -> bool:
         return name in self.names or self.scope.find(name) is not None

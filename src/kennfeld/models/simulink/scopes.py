@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ from kennfeld.models.simulink.tree import Block
 __all__ = ["Array", "Masked", "Scope", "Value", "Variable", "plain"]
 
 Array: TypeAlias = npt.NDArray[np.float64]
-Value: TypeAlias = "Array | str | Mapping[str, Value] | tuple[Value, ...]"
+Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
 
 
 @dataclass(frozen=True, eq=False)

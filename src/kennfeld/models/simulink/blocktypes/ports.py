@@ -28,8 +28,8 @@ def outport(site: Site) -> Wired:
     return site.wired(0)
 
 
-@block("Bound", needs=lambda site: site.weaver.bound_inputs(site.atom))
-def bound(site: Site) -> Wired:
+@block("Bound", needs=lambda site: ())
+def bound(site: Site) -> Wired | tuple[Wired, ...]:
     """What is given instead of a block."""
     return site.weaver.bound(site.weaver, site.atom)
 

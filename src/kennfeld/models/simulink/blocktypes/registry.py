@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["KINDS", "Kind", "Needs", "Rule", "UnsupportedError", "block", "nothing"]
 
 Rule: TypeAlias = "Callable[[Site], Wired | tuple[Wired, ...]]"
-Needs: TypeAlias = "Callable[[Site], Iterable[int]]"
+Needs: TypeAlias = "Callable[[Site], Iterable[int]] | None"
 
 
 class UnsupportedError(Exception):
@@ -34,7 +34,7 @@ class Kind:
     name: str
     rule: Rule
     defaults: Mapping[str, str]
-    needs: Needs | None = None
+    needs: Needs = None
     sink: bool = False
 
 
@@ -46,7 +46,7 @@ def nothing(_: "Site") -> Iterable[int]:
     return ()
 
 
-def block(*names: str, needs: Needs | None = None, sink: bool = False, **defaults: str) -> Callable[[Rule], Rule]:
+def block(*names: str, needs: Needs = None, sink: bool = False, **defaults: str) -> Callable[[Rule], Rule]:
     """Enter a function as the rule of block types."""
 
     def enter(rule: Rule) -> Rule:

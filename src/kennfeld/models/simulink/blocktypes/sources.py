@@ -1,10 +1,10 @@
 """Signals made from nothing but time and parameters."""
 
-import math
-
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, block
+from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
@@ -104,7 +104,17 @@ def stairs(site: Site) -> Wired:
     return made
 
 
-def whole_steps(time: float, step: float) -> int | None:
-    """How many steps a time has; None where they are not whole."""
-    count = time / step
-    return round(count) if math.isclose(count, round(count), abs_tol=1e-6) else None
+def pulse_times(atom: Atom, expressions: Expressions) -> list[float]:
+    """The times between which a block's pulses change, in s; none of other blocks. Raises `NoValueError`."""
+    if atom.kind != "DiscretePulseGenerator":
+        return []
+    block, defaults = atom.block, KINDS[atom.kind].defaults
+    numbers = [
+        float(expressions.numbers(block.value(name) or defaults[name], atom.scope).ravel()[0])
+        for name in ("Period", "PulseWidth", "PhaseDelay")
+    ]
+    period, width, delay = numbers
+    if (block.value("PulseType") or defaults["PulseType"]) == "Time based":
+        return [period, period * width / 100, delay]
+    sample = float(expressions.numbers(block.value("SampleTime") or "1", atom.scope).ravel()[0])
+    return [sample] if sample > 0 else []

@@ -1,0 +1,311 @@
+"""From a Simulink file to a model."""
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.graph import Builder, Graph
+from kennfeld.models.formula.frontend import expression
+from kennfeld.models.formula.states import merged
+from kennfeld.models.model import Model
+from kennfeld.models.simulink import blocktypes
+from kennfeld.models.simulink.blocktypes.registry import KINDS
+from kennfeld.models.simulink.build import Guesses, Weaver, settled
+from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.files import read_document
+from kennfeld.models.simulink.flatten import Atom, Flat, flatten
+from kennfeld.models.simulink.integration import SOLVERS
+from kennfeld.models.simulink.libraries import Libraries
+from kennfeld.models.simulink.naming import Names
+from kennfeld.models.simulink.report import ImportReport, Unsupported
+from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
+from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
+from kennfeld.models.simulink.tree import Block, Document, System, split
+from kennfeld.models.simulink.variables import Given, Variables, variables_of
+
+__all__ = ["Imported", "import_simulink", "simulink"]
+
+_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace"}
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import made: the model, None where an output could not be built, and the report."""
+
+    model: Model | None
+    report: ImportReport
+
+
+def simulink(
+    path: str | Path,
+    subsystem: str | None = None,
+    parameters: Iterable[Given] = (),
+    bind: Mapping[str, str] | None = None,
+    promote: Collection[str] = (),
+    folders: Iterable[str | Path] = (),
+) -> Model:
+    """The model in a Simulink file, or in one of its subsystems.
+
+    `parameters` are files (.sldd, .mat, .m, calibration files), parameter sets or mappings that give values to the
+    variables of the model; later ones win. `bind` replaces blocks by a channel or a formula over channels, by the path
+    of the block, with ":2" for its second output alone. `promote` names fields of blocks whose literals become
+    parameters, "Torque/Gain1:Gain". Libraries are looked for beside the file and in `folders`.
+    Raises `InputError` with every finding where an output cannot be built.
+    """
+    found = import_simulink(path, subsystem, parameters, bind, promote, folders)
+    if found.model is None:
+        name = Path(path).name
+        raise InputError([Finding(f"{name} {one.place}", one.what, one.mend) for one in found.report.findings])
+    return found.model
+
+
+def import_simulink(
+    path: str | Path,
+    subsystem: str | None = None,
+    parameters: Iterable[Given] = (),
+    bind: Mapping[str, str] | None = None,
+    promote: Collection[str] = (),
+    folders: Iterable[str | Path] = (),
+) -> Imported:
+    """As `simulink`, with a report of what became of every block, also where the model is not whole."""
+    path = Path(path)
+    resolved = Libraries(folders).resolve(read_document(path))
+    document = resolved.document
+    variables = variables_of(document, parameters)
+    system, scope, prefix = _system(document, subsystem, variables)
+    cuts = _cuts(path, bind or {}, prefix)
+    try:
+        flat = flatten(system, scope, cuts, frozenset(KINDS))
+    except OverflowError as error:
+        raise InputError.of(path.name, str(error)) from None
+    remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
+    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks)
+    return work.imported()
+
+
+def _system(document: Document, subsystem: str | None, variables: Variables) -> tuple[System, Scope, str]:
+    """The system to import, the names it sees, and its path."""
+    scope = Scope(variables)
+    if not subsystem:
+        return document.root, scope, ""
+    system, names = document.root, split(subsystem)
+    names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
+    block: Block | None = None
+    for name in names:
+        block = system.by_name.get(name)
+        if block is None or block.system is None:
+            known = [b.path for b in document.root.every() if b.system is not None]
+            mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
+            raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+        scope, system = scope.within(block), block.system
+    return system, scope, block.path if block is not None else ""
+
+
+def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
+    """The formulas of cut blocks by their paths within the imported system."""
+    for key, text in bind.items():
+        if not key.strip() or not text.strip():
+            raise InputError.of(f"{path.name} bind", f'"{key}" = "{text}" is empty', 'Write "path" = "channel or formula".')
+    return {_within(key, prefix): text for key, text in bind.items()}
+
+
+def _within(key: str, prefix: str) -> str:
+    return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
+
+
+class _Import:
+    def __init__(
+        self,
+        path: Path,
+        document: Document,
+        flat: Flat,
+        cuts: Mapping[str, str],
+        promote: frozenset[str],
+        variables: Variables,
+        remarks: list[str],
+    ) -> None:
+        self.path, self.document, self.flat = path, document, flat
+        self.cuts, self.promote, self.variables = cuts, promote, variables
+        self.remarks = remarks
+        self.substitutions: list[str] = []
+        self.bound = {key: expression(text, f"{path.name} bind {key}") for key, text in cuts.items()}
+        self._check_cuts()
+        self.solver, self.clock = self._solver()
+
+    def _check_cuts(self) -> None:
+        paths = {atom.path for atom in self.flat.atoms}
+        unknown = [key for key in self.cuts if _block_of(key) not in paths]
+        findings = [Finding(f"{self.path.name} bind", f"there is no block {key}", nearest(key, paths)) for key in unknown]
+        if findings:
+            raise InputError(findings)
+
+    # the solver
+
+    def _solver(self) -> tuple[str, Clock]:
+        """The solver, and the steps of the model."""
+        given = self.document.solver
+        continuous = any(atom.kind in _CONTINUOUS for atom in self.flat.atoms)
+        periods = self._periods()
+        name = given.name
+        fixed = name in SOLVERS or name.casefold() in ("fixedstepdiscrete", "fixedstepauto")
+        solver = name if name in SOLVERS else "ode3" if name.casefold() == "fixedstepauto" else "ode4"
+        if continuous and not fixed:
+            instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
+            self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
+        if fixed:
+            return solver, Clock(self._fixed_step(periods, continuous), continuous)
+        step = common_step(periods)
+        if step is not None:
+            self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
+        return solver, Clock(step, continuous)
+
+    def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
+        text = self.document.solver.fixed_step.strip()
+        stated = self._number(text) if text not in ("", "auto") else None
+        if stated is not None and stated > 0:
+            return stated
+        common = common_step(periods)
+        if common is not None or not continuous:
+            return common
+        start, stop = (self._number(text) for text in (self.document.solver.start, self.document.solver.stop))
+        return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
+
+    def _number(self, text: str) -> float | None:
+        try:
+            found = self._expressions().numbers(text, Scope(self.variables))
+        except NoValueError:
+            self.remarks.append(f"the solver's setting {text[:60]} has no value")
+            return None
+        return float(found.item()) if found.size == 1 else None
+
+    def _expressions(self) -> Expressions:
+        return Weaver(self.flat, Clock(None), (), self._give, Guesses()).expressions
+
+    def _periods(self) -> list[float]:
+        """All sample times that blocks state, and the times between which pulses change."""
+        expressions = self._expressions()
+        found: list[float] = []
+        for atom in self.flat.atoms:
+            try:
+                rate = stated_rate(atom, expressions, KINDS.get(atom.kind))
+                found += [rate.period, rate.offset] if rate is not None else []
+                found += blocktypes.sources.pulse_times(atom, expressions)
+            except NoValueError:
+                continue
+        return [period for period in found if 0 < period < CONSTANT]
+
+    # the graph
+
+    def imported(self) -> Imported:
+        outputs = self.flat.outports
+        recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
+        weaver = self._woven(outputs or recorded)
+        if outputs and recorded and not self._stops(weaver):
+            more = self._woven([*outputs, *recorded])
+            weaver = more if not self._stops(more) else weaver
+        report = self._report(weaver)
+        return Imported(self._model(weaver) if report.whole else None, report)
+
+    def _woven(self, goals: Collection[Atom]) -> Weaver:
+        if not goals:
+            raise InputError.of(self.path.name, "it has no outport, so that nothing is computed", "Import a subsystem.")
+
+        def make(guesses: Guesses) -> Weaver:
+            return Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+
+        return settled(make, goals)
+
+    def _stops(self, weaver: Weaver) -> bool:
+        return bool(weaver.failures or weaver.loops)
+
+    def _give(self, weaver: Weaver, atom: Atom) -> Wired | tuple[Wired, ...]:
+        """The signals that are given instead of a block."""
+        whole = self.bound.get(atom.path)
+        count = max(atom.block.ports.outputs if atom.block.ports is not None else 1, 1)
+        made: list[Wired] = []
+        for number in range(1, count + 1):
+            graph = self.bound.get(f"{atom.path}:{number}", whole)
+            made.append(_taken(weaver, graph) if graph is not None else weaver.missing(atom, number))
+        return tuple(made)
+
+    def _report(self, weaver: Weaver) -> ImportReport:
+        atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held")]
+        unsupported = [
+            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True) for f in weaver.failures.values()
+        ]
+        seen = {one.path for one in unsupported}
+        for atom in atoms:
+            if atom.kind not in KINDS and atom.path not in seen:
+                why = f"it is {atom.why}" if atom.why else f"blocks of type {atom.kind} are not supported"
+                unsupported.append(Unsupported(atom.path, atom.block.type, why, "", False))
+        loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
+        conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
+        note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
+        return ImportReport(
+            len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
+            (*self.substitutions, *note), tuple(self.remarks), dict(weaver.declared.sources),
+            dict(weaver.expressions.frozen), self.solver, self.clock.step,
+        )  # fmt: skip
+
+    def _model(self, weaver: Weaver) -> Model:
+        weaver.finish(self.solver)
+        names = Names(weaver, self.flat)
+        builder, number = _plain(weaver)
+        visible = {name: number[at] for name, at in names.visible.items()}
+        graph = merged(builder.finish(visible, {}, names.outputs))
+        values = weaver.declared.values(graph.parameters)
+        units = {name: one.unit for name, one in values.items() if one.unit} | names.units
+        present = {*graph.names, *graph.inputs, *graph.parameters}
+        graph = Graph(
+            graph.nodes, graph.names, graph.states,
+            MappingProxyType({name: unit for name, unit in units.items() if name in present}), graph.outputs,
+        )  # fmt: skip
+        return Model(
+            graph=graph,
+            name=self.document.name,
+            step=self.clock.step,
+            declared=MappingProxyType({name: one.coordinates for name, one in values.items()}),
+            source=str(self.path),
+            places=MappingProxyType({**names.places, **weaver.declared.sources}),
+            values=values,
+        )
+
+
+def _block_of(key: str) -> str:
+    """The path of a block that is bound, without the number of its output."""
+    path, colon, number = key.rpartition(":")
+    return path if colon and number.isdecimal() else key
+
+
+def _taken(weaver: Weaver, graph: Graph) -> Signal:
+    """A formula's graph within the model's."""
+    loom, made = weaver.loom, list[int]()
+    states = {which: loom.state(state.latency) for which, state in enumerate(graph.states)}
+    for op, args, payload in graph.nodes:
+        made.append(states[payload] if op == "state" else loom.node(op, tuple(made[a] for a in args), payload))
+    for which, state in enumerate(graph.states):
+        loom.close(states[which], made[state.init], made[state.next])
+    for name in graph.inputs:
+        weaver.inputs.setdefault(name, None)
+    return Signal(np.array([made[graph.names["value"]]], dtype=np.int64))
+
+
+def _plain(weaver: Weaver) -> tuple[Builder, list[int]]:
+    """The graph without the marks of major steps, and the new numbers of its nodes."""
+    builder, number = Builder(), list[int]()
+    for op, args, payload in weaver.loom.nodes:
+        new = tuple(number[a] for a in args)
+        if op == "major":
+            number.append(new[0])
+        elif op in ("const", "input", "lookup", "state"):
+            number.append(builder.node(op, new, payload))
+        else:
+            number.append(builder.call(op, *new))
+    builder.states = [state._replace(init=number[state.init], next=number[state.next]) for state in weaver.loom.states]
+    return builder, number

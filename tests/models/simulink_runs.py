@@ -1,0 +1,69 @@
+"""Runs models of blocks: one block between inports and outports, or a whole drawing, through the interpreter."""
+
+import numpy as np
+from simulink_files import Model
+
+from kennfeld.graph.derivative import differentiate
+from kennfeld.graph.interpreter import Interpreter, evaluate
+from kennfeld.graph.lowering import lower
+from kennfeld.models.simulink.importing import simulink
+from kennfeld.parameters import ParameterSet
+
+
+def alone(kind, /, inputs=1, outputs=1, *, model=None, special=None, **parameters):
+    """A model of one block "B" with inports u1, u2, ... and outports y1, y2, ..."""
+    drawn = model or Model(step="0.1", solver="FixedStepDiscrete")
+    if special:
+        drawn.link("B", "lib/B", special, ports=(inputs, outputs), **parameters)
+    else:
+        drawn.block(kind, "B", ports=(inputs, outputs), **parameters)
+    for at in range(1, inputs + 1):
+        drawn.inport(f"u{at}")
+        drawn.line(f"u{at}", f"B:{at}")
+    for at in range(1, outputs + 1):
+        drawn.outport(f"y{at}")
+        drawn.line(f"B:{at}", f"y{at}")
+    return drawn
+
+
+def imported(drawn, folder, layout="slx parts", **options):
+    """The model of a drawing."""
+    return simulink(drawn.write(folder, layout), **options)
+
+
+def run(model, columns=None, dt=0.1, parameters=None, samples=None):
+    """The values of all nodes over the samples, by name."""
+    given = {name: np.asarray(column, dtype=float) for name, column in (columns or {}).items()}
+    count = samples or next(iter(given.values())).size
+    step = model.step or dt
+    clock = {"dt": np.full(count, step), "t": step * np.arange(count)}
+    return evaluate(model.graph, {**given, **clock}, parameters or model.values)
+
+
+def slopes(model, columns, name, output, dt=0.1):
+    """The derivatives of an output with respect to the values of a parameter: exact, and by central differences.
+
+    Each is Float[samples, values].
+    """
+    given = {key: np.asarray(column, dtype=float) for key, column in columns.items()}
+    count = next(iter(given.values())).size
+    step = model.step or dt
+    full = {**given, "dt": np.full(count, step), "t": step * np.arange(count)}
+    lowered = lower(model.graph, model.values)
+    line = differentiate(lowered.graph, [lowered.graph.names[output]], (name,))
+    exact = Interpreter(lowered, model.values).rows(line, {name: 0}, full)
+    return exact.jacobian[:, 0, :], _differences(model, given, name, output, dt)
+
+
+def _differences(model, columns, name, output, dt):
+    one = model.values[name]
+    columns_ = []
+    for place in range(one.size):
+        found = []
+        for sign in (1, -1):
+            values = one.values.ravel().copy()
+            values[place] += sign * 1e-5
+            changed = ParameterSet(one.with_values(values) if p.name == name else p for p in model.values.values())
+            found.append(run(model, columns, dt, changed)[output])
+        columns_.append((found[0] - found[1]) / 2e-5)
+    return np.stack(columns_, axis=1)
