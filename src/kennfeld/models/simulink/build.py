@@ -59,7 +59,12 @@ class Weaver:
     """One pass over the blocks. `bound` gives the nodes of blocks that are cut, `clock` the steps of the model."""
 
     def __init__(
-        self, flat: Flat, clock: Clock, promoted: Iterable[str], bound: Callable[["Weaver", Atom], Wired | tuple[Wired, ...]], guesses: Guesses
+        self,
+        flat: Flat,
+        clock: Clock,
+        promoted: Iterable[str],
+        bound: Callable[["Weaver", Atom], Wired | tuple[Wired, ...]],
+        guesses: Guesses,
     ) -> None:
         self.flat = flat
         self.clock = clock
@@ -236,14 +241,15 @@ class Weaver:
 
     def _sampled(self, atom: Atom, wired: Wired) -> Wired:
         """An output as it is with the block's own sample time: held between its hits."""
-        rate = self.rate(atom)
+        remembers = self.site(atom).memories > 0
+        rate = self.rate(atom) or (Rate(self.guessed_period(atom)) if remembers else None)
         if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, Bus):
             return wired
-        if wired.period == rate.period or wired.period == CONSTANT:
+        if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
-        return self._held(atom, wired, rate)
+        return self._held(wired, rate)
 
-    def _held(self, atom: Atom, wired: Signal, rate: Rate) -> Signal:
+    def _held(self, wired: Signal, rate: Rate) -> Signal:
         wired = self.at_major(wired)
         hit = self.clock.hit(self.loom, rate)
         if hit is None:
@@ -266,7 +272,7 @@ class Weaver:
 
     def major(self, node: int) -> int:
         """A node that keeps its value of the major step within the minor steps."""
-        if not self.clock.continuous or self.loom.nodes[node].op in ("const", "state", "major"):
+        if not self.clock.continuous or self.loom.nodes[node].op in ("const", "major"):
             return node
         return self.loom.node("major", (node,))
 
@@ -446,11 +452,13 @@ class Weaver:
             self.guesses.shape(key, rates.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
         moving = resized(rates.nodes, seen.shape).ravel()
-        low, high = ((None, None) if limits is None else tuple(resized(x.nodes, seen.shape).ravel() for x in limits))
+        low, high = (None, None) if limits is None else tuple(resized(x.nodes, seen.shape).ravel() for x in limits)
         active = self.active(site.atom)
         for at, state in enumerate(states):
             bounds = (None, None) if low is None or high is None else (int(low[at]), int(high[at]))
-            made = Integrated(state, int(first.ravel()[at]), int(seen.nodes.ravel()[at]), int(moving[at]), bounds, active)
+            made = Integrated(
+                state, int(first.ravel()[at]), int(seen.nodes.ravel()[at]), int(moving[at]), bounds, active
+            )
             self.integrated.append(made)
 
 
@@ -460,7 +468,11 @@ def resets(control: Atom) -> bool:
         if port in control.special and (control.special[port].value(key) or "held") == "reset":
             return True
     trigger = control.special.get("trigger")
-    return trigger is not None and (trigger.value("StatesWhenEnabling") or "inherit") == "reset" and "enable" in control.special
+    return (
+        trigger is not None
+        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
+        and "enable" in control.special
+    )
 
 
 def settled(make: Callable[[Guesses], Weaver], goals: Mapping[str, Atom] | Iterable[Atom]) -> Weaver:

@@ -19,7 +19,17 @@ from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.scopes import Array, Masked, Scope, Value, Variable
 from kennfeld.models.simulink.signals import Nodes
 
-__all__ = ["BINARY", "Expressions", "NoValueError", "each", "fold", "matrix_product", "part_of", "towards_zero", "way_of"]
+__all__ = [
+    "BINARY",
+    "Expressions",
+    "NoValueError",
+    "each",
+    "fold",
+    "matrix_product",
+    "part_of",
+    "towards_zero",
+    "way_of",
+]
 
 Held: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
 
@@ -36,18 +46,48 @@ BINARY: Final = {
     "+": "add", "-": "sub", ".*": "mul", "./": "div", ".^": "pow", "==": "eq", "~=": "ne", "!=": "ne", "<": "lt",
     "<=": "le", ">": "gt", ">=": "ge", "&": "and", "|": "or", "&&": "and", "||": "or",
 }  # fmt: skip
-_PLAIN: Final = (
-    "sin cos tan asin acos atan sinh cosh tanh exp log log10 sqrt abs floor ceil round sign atan2 mod".split()
-)
+_PLAIN: Final = [
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+    "log10",
+    "sqrt",
+    "abs",
+    "floor",
+    "ceil",
+    "round",
+    "sign",
+    "atan2",
+    "mod",
+]
 _CONSTANTS: Final = {
     "pi": math.pi, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "eps": 2.0**-52, "true": 1.0,
     "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),
 }  # fmt: skip
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
 _LONGEST: Final = 1_000_000  # elements of an array that an expression makes
-_CASTS: Final = (
-    "double single boolean logical int8 int16 int32 int64 uint8 uint16 uint32 uint64".split()
-)  # physical values are kept
+_CASTS: Final = [
+    "double",
+    "single",
+    "boolean",
+    "logical",
+    "int8",
+    "int16",
+    "int32",
+    "int64",
+    "uint8",
+    "uint16",
+    "uint32",
+    "uint64",
+]  # physical values are kept
 
 
 def each(loom: Loom, op: str, *args: Nodes) -> Nodes:
@@ -214,7 +254,7 @@ class _Walk:
         single = left.size == 1 or right.size == 1
         if operator == "*" and not single:
             return self._product(left, right)
-        if operator == "/" and right.size != 1 or operator == "^" and max(left.size, right.size) > 1:
+        if (operator == "/" and right.size != 1) or (operator == "^" and max(left.size, right.size) > 1):
             raise _BeyondGraphError("it divides by a matrix or raises one to a power")
         operator = {"*": ".*", "/": "./", "^": ".^"}.get(operator, operator)
         if operator not in BINARY:

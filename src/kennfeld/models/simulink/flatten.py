@@ -144,9 +144,11 @@ class _Flattening:
             self._enter(level, block, block.system)
         elif block.type == "Goto":
             self.gotos.setdefault((block.value("GotoTag") or "A").strip(), []).append((level, block))
-        elif block.type in ("From", "GotoTagVisibility") or block.type in _SPECIAL:
-            pass
-        elif block.type == "Inport" and level.parent is not None:
+        elif (
+            block.type in ("From", "GotoTagVisibility")
+            or block.type in _SPECIAL
+            or (block.type == "Inport" and level.parent is not None)
+        ):
             pass
         elif block.type == "Outport" and level.parent is not None:
             if level.control is not None and level.control.block is level.holder:

@@ -111,7 +111,9 @@ def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
     """The formulas of cut blocks by their paths within the imported system."""
     for key, text in bind.items():
         if not key.strip() or not text.strip():
-            raise InputError.of(f"{path.name} bind", f'"{key}" = "{text}" is empty', 'Write "path" = "channel or formula".')
+            raise InputError.of(
+                f"{path.name} bind", f'"{key}" = "{text}" is empty', 'Write "path" = "channel or formula".'
+            )
     return {_within(key, prefix): text for key, text in bind.items()}
 
 
@@ -141,7 +143,9 @@ class _Import:
     def _check_cuts(self) -> None:
         paths = {atom.path for atom in self.flat.atoms}
         unknown = [key for key in self.cuts if _block_of(key) not in paths]
-        findings = [Finding(f"{self.path.name} bind", f"there is no block {key}", nearest(key, paths)) for key in unknown]
+        findings = [
+            Finding(f"{self.path.name} bind", f"there is no block {key}", nearest(key, paths)) for key in unknown
+        ]
         if findings:
             raise InputError(findings)
 

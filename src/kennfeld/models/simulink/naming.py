@@ -23,9 +23,9 @@ class Names:
             outputs += self._add(atom, 0, _output_name(atom))
         self.outputs = tuple(outputs)
         self._inside(flat)
-        for name, atom in weaver.inputs.items():
-            if atom is not None:
-                self._said(name, atom)
+        for name, port in weaver.inputs.items():
+            if port is not None:
+                self._said(name, port)
 
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""

@@ -10,7 +10,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import Kind
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.flatten import Atom
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS
+from kennfeld.models.simulink.signals import CONSTANT
 
 __all__ = ["Clock", "Rate", "common_step", "stated_rate"]
 
@@ -70,10 +70,8 @@ class Clock:
         near = loom.const(_NEAR - rate.offset / rate.period)
         now, before = loom.input("t"), loom.call("sub", loom.input("t"), loom.input("dt"))
         period = loom.const(rate.period)
-        count = [
-            loom.call("floor", loom.call("add", loom.call("div", time, period), near)) for time in (now, before)
-        ]
-        if rate.offset == 0:
-            return loom.call("gt", *count)
-        started = loom.call("ge", count[0], loom.const(0.0))
-        return loom.call("and", started, loom.call("gt", *count))
+        count = [loom.call("floor", loom.call("add", loom.call("div", time, period), near)) for time in (now, before)]
+        hit = loom.call("gt", *count)
+        if rate.offset != 0:
+            hit = loom.call("and", loom.call("ge", count[0], loom.const(0.0)), hit)
+        return loom.node("major", (hit,)) if self.continuous else hit

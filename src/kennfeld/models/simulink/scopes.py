@@ -91,4 +91,5 @@ def _several(value: Any) -> Value | None:
     if not isinstance(value, (tuple, list)):
         return None
     parts = [plain(part) for part in value]
-    return tuple(part for part in parts if part is not None) if None not in map(type, parts) else None
+    known = tuple(part for part in parts if part is not None)
+    return known if len(known) == len(parts) else None

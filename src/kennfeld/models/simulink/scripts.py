@@ -16,4 +16,6 @@ def run(found: Variables, path: Path) -> None:
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
     """Add the variables that a text of MATLAB makes."""
     if text.strip():
-        found.findings.append(Finding(name, "it is MATLAB code, which cannot be followed yet", "Give a .mat file.", severity="warning"))
+        found.findings.append(
+            Finding(name, "it is MATLAB code, which cannot be followed yet", "Give a .mat file.", severity="warning")
+        )

@@ -28,7 +28,7 @@ class Site:
         self.weaver = weaver
         self.atom = atom
         self.kind = weaver.kind(atom)
-        self._memories = 0
+        self.memories = 0
 
     @property
     def loom(self) -> Loom:
@@ -204,13 +204,15 @@ class Site:
 
     def remember(self, init: Signal, then: Then, latency: int = 1) -> Signal:
         """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built."""
-        self._memories += 1
-        return self.weaver.remember(self, self._memories, init, then, latency)
+        self.memories += 1
+        return self.weaver.remember(self, self.memories, init, then, latency)
 
-    def integrate(self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None) -> Signal:
+    def integrate(
+        self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None
+    ) -> Signal:
         """A continuous state, advanced by the solver."""
-        self._memories += 1
-        return self.weaver.integrate(self, self._memories, init, slope, reset, limits)
+        self.memories += 1
+        return self.weaver.integrate(self, self.memories, init, slope, reset, limits)
 
     def edge(self, x: Signal, kind: str) -> Signal:
         """1 where a signal crosses zero in the way of a trigger: rising, falling, either."""

@@ -69,9 +69,9 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
 
         run(found, path)
     else:
-        from kennfeld.calfiles.files import read_parameters
+        from kennfeld.calfiles import read
 
-        return [read_parameters(path)]
+        return [read(path)]
     return []
 
 
@@ -127,9 +127,9 @@ def _variable(entry: Entry, source: str) -> Variable | None:
 def _value(stored: Stored) -> Value | None:
     if isinstance(stored, Entry):
         if stored.breakpoints:
-            axes = tuple(_value(one) for one in stored.breakpoints)
-            table = _value(stored.value)
-            return {"Table": table, **{f"Breakpoints{i + 1}": a for i, a in enumerate(axes)}} if table is not None else None
+            parts = {f"Breakpoints{i + 1}": _value(one) for i, one in enumerate(stored.breakpoints)}
+            parts = {"Table": _value(stored.value), **parts}
+            return {name: part for name, part in parts.items() if part is not None}
         return _value(stored.value)
     if isinstance(stored, Mapping):
         parts = {name: _value(part) for name, part in stored.items()}

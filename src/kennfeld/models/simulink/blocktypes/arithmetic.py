@@ -32,7 +32,9 @@ def _as_input(made: Nodes, u: Signal) -> Signal:
 def _product(site: Site, left: Nodes, right: Nodes) -> Nodes:
     if left.size == 1 or right.size == 1:
         spread = np.broadcast_arrays(left, right)
-        made = [site.loom.call("mul", int(a), int(b)) for a, b in zip(spread[0].ravel(), spread[1].ravel(), strict=True)]
+        made = [
+            site.loom.call("mul", int(a), int(b)) for a, b in zip(spread[0].ravel(), spread[1].ravel(), strict=True)
+        ]
         return np.array(made, dtype=np.int64).reshape(spread[0].shape)
     if left.shape[1] != right.shape[0]:
         raise UnsupportedError(f"matrices of {left.shape} and {right.shape} cannot be multiplied")
@@ -115,7 +117,7 @@ def dot_product(site: Site) -> Wired:
 
 @block("Bias", Bias="0")
 def bias(site: Site) -> Wired:
-    """u + bias"""
+    """U + bias"""
     return site.call("add", site.input(), site.parameter("Bias"))
 
 

@@ -41,7 +41,9 @@ def delay(site: Site) -> Wired:
     return _delayed(site, init, site.whole("DelayLength", 0, 100_000))
 
 
-@block("Integer Delay", "IntegerDelay", needs=nothing, NumDelays="4", vinit="0.0", samptime="-1", InitialCondition="0.0")
+@block(
+    "Integer Delay", "IntegerDelay", needs=nothing, NumDelays="4", vinit="0.0", samptime="-1", InitialCondition="0.0"
+)
 def integer_delay(site: Site) -> Wired:
     """The input of some hits before, as older files have it."""
     key = "vinit" if site.atom.block.value("InitialCondition") is None else "InitialCondition"
@@ -181,7 +183,7 @@ def discrete_filter(site: Site) -> Wired:
 @block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", SampleTime="-1",
        FirFiltStruct="Direct form")  # fmt: skip
 def fir_filter(site: Site) -> Wired:
-    """b in powers of 1/z, the lowest first."""
+    """B in powers of 1/z, the lowest first."""
     site.chosen("CoefSource", "Dialog", "Dialog parameters")
     b = site.parameter("Coefficients").flat
     return _direct_form(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
@@ -232,7 +234,7 @@ def _single(node: int) -> Signal:
 @block("DiscreteStateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
        X0="0", SampleTime="1")  # fmt: skip
 def discrete_state_space(site: Site) -> Wired:
-    """x of the next hit = A x + B u, y = C x + D u"""
+    """X of the next hit = A x + B u, y = C x + D u"""
     A, B, C, D = (site.matrix(name) for name in "ABCD")
     key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
     init = site.parameter(key)
@@ -264,7 +266,7 @@ def difference(site: Site) -> Wired:
 
 @block("First Order Transfer Fcn", "First-Order Transfer Fcn", PoleZ="0.95", ICPrevOutput="0.0")
 def first_order(site: Site) -> Wired:
-    """y = p (y - u) + u"""
+    """Y = p (y - u) + u"""
     u, pole = site.discrete(site.input()), site.parameter("PoleZ")
     made: list[Signal] = []
     before = site.remember(site.parameter("ICPrevOutput"), lambda _: made[0])
@@ -290,5 +292,3 @@ def transport_delay(site: Site) -> Wired:
         return late
     later = site.remember(init, lambda _: late)
     return site.call("add", late, site.call("mul", site.constant(share), site.call("sub", later, late)))
-
-

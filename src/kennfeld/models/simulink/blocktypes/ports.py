@@ -10,7 +10,7 @@ from kennfeld.models.simulink.site import Site
 @block("Inport", "From", PortDimensions="-1", SampleTime="-1")
 def inport(site: Site) -> Wired:
     """A channel; one for each element where the port says that it is a vector."""
-    shape = (1,)
+    shape: tuple[int, ...] = (1,)
     if site.atom.kind == "Inport":
         shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0) or (1,)
         if site.text("OutDataTypeStr", "").startswith("Bus:"):
@@ -41,7 +41,7 @@ def bound(site: Site) -> Wired | tuple[Wired, ...]:
 )  # fmt: skip
 def sink(site: Site) -> Wired:
     """Nothing: it only shows or checks."""
-    return ()  # type: ignore[return-value]
+    return site.constant()
 
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")

@@ -5,8 +5,8 @@ import re
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Bus, Signal, Wired, common_shape, fastest, leaves
-from kennfeld.models.simulink.site import Site, resized
+from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest, leaves
+from kennfeld.models.simulink.site import Site
 
 
 @block("SignalConversion", "SignalSpecification", "RateTransition", "DataTypeConversion", "Convert 1-D to 2-D Sink")
@@ -136,7 +136,12 @@ def reshape(site: Site) -> Wired:
     """The same elements in another shape, columns first."""
     x = site.input()
     kind = site.chosen(
-        "OutputDimensionality", "1-D array", "Column vector (2-D)", "Row vector (2-D)", "Customize", "Derive from reference input port"
+        "OutputDimensionality",
+        "1-D array",
+        "Column vector (2-D)",
+        "Row vector (2-D)",
+        "Customize",
+        "Derive from reference input port",
     )
     shapes = {"1-D array": (-1,), "Column vector (2-D)": (-1, 1), "Row vector (2-D)": (1, -1)}
     if kind == "Derive from reference input port":
@@ -196,7 +201,7 @@ def _places(site: Site, option: str, text: str, size: int, axis: int) -> list[in
     return places
 
 
-def _picked(site: Site, nodes: np.ndarray, axis: int, port: int) -> np.ndarray:  # type: ignore[type-arg]
+def _picked(site: Site, nodes: Nodes, axis: int, port: int) -> Nodes:
     """Elements whose places are signals: one of all, chosen by comparison."""
     places = site.input(port)
     first = 0.0 if site.text("IndexMode").startswith("Zero") else 1.0
@@ -257,11 +262,3 @@ def multiport_switch(site: Site) -> Wired:
         limit = site.constant(float(at + 1 + first))
         made = chosen(site, site.call("lt", index, limit), data[at], made)
     return made
-
-
-def widened(site: Site, one: Signal, other: Signal) -> tuple[Signal, Signal]:
-    """Two signals in their common shape."""
-    shape = common_shape(one.shape, other.shape)
-    if shape is None:
-        raise UnsupportedError(f"sizes {one.shape} and {other.shape} do not fit each other")
-    return Signal(resized(one.nodes, shape), one.period), Signal(resized(other.nodes, shape), other.period)

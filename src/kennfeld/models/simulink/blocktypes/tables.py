@@ -12,7 +12,13 @@ from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
 from kennfeld.parameters import Axis
 
-_LINEAR = ("Linear", "Linear point-slope", "Linear Lagrange", "Interpolation-Extrapolation", "Interpolation-Use End Values")
+_LINEAR = (
+    "Linear",
+    "Linear point-slope",
+    "Linear Lagrange",
+    "Interpolation-Extrapolation",
+    "Interpolation-Use End Values",
+)
 _NEAREST = ("Nearest", "Use Input Nearest")
 _FLAT = ("Flat", "None - Flat", "Use Input Below", "Below")
 
