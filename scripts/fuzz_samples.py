@@ -1,6 +1,7 @@
 """Whole files of every format, made from a seed, for `fuzz.py` to damage."""
 
 import random
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,11 +11,14 @@ from fuzz import Sample
 
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar, Text
 
+WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles")]
+END = "***End_of_Header***"  # of LabVIEW
 LARGEST = 300_000  # bytes of a real file that is damaged as well
 
 
 def samples(seed: int, folder: Path | None = None) -> list[Sample]:
     """Some files a kind, and the small ones of a folder as kind `real`."""
+    sys.path += WRITERS  # what writes files for the tests
     made = [sample for maker in _MAKERS for sample in maker(seed)]
     return made + ([] if folder is None else list(_real(folder)))
 
@@ -66,6 +70,12 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".parquet": _parquet,
         ".mf4": _mdf("4.10"),
         ".mdf": _mdf("3.30"),
+        ".mlg": _mlg,
+        ".msl": _msl,
+        ".hpl": _hptuners,
+        ".lvm": _lvm,
+        ".mat": _mat,
+        ".mat73": _mat73,
     }
     for ending, write in writers.items():
         for number in range(3):
@@ -125,6 +135,62 @@ def _mdf(version: str) -> Callable[[Path, np.random.Generator], None]:
                 mdf.save(path, overwrite=True, compression=int(numbers.integers(0, 3)) if version > "4" else 0)
 
     return write
+
+
+def _mlg(path: Path, numbers: np.random.Generator) -> None:
+    from mlg_files import bits, mark, mlg, number, record
+
+    version = int(numbers.integers(1, 3))
+    fields = [
+        number("Time", unit="s"),
+        number("RPM", 2, "rpm"),
+        number("AFR", 0, scale=0.1),
+        bits("Engine", "on", "cold"),
+    ]
+    values = [(0.1 * i, 800 + i, 147, i % 4) for i in range(40)]
+    records = [record(fields, row, stamp=1000 * i % 65536) for i, row in enumerate(values)]
+    path.write_bytes(mlg(fields, [*records[:20], mark("here"), *records[20:]], version=version, info="note=1"))
+
+
+def _msl(path: Path, numbers: np.random.Generator) -> None:
+    rows = (f"{0.1 * i:.3f}\t{800 + i}\t{numbers.normal():.2f}" for i in range(40))
+    path.write_text("\n".join(['"MS2Extra"', '"Capture Date: 1"', "Time\tRPM\tMAP", "s\trpm\tkPa", *rows, "MARK 000"]))
+
+
+def _hptuners(path: Path, numbers: np.random.Generator) -> None:
+    head = "HP Tuners CSV Log File\nVersion: 1.0\n\n[Log Information]\nNotes: \n\n[Channel Information]\n0,1,2\n"
+    rows = [f"{0.1 * i:.2f},{800 + i},{numbers.normal():.2f}" if i % 2 else f"{0.1 * i:.2f},,1.5" for i in range(40)]
+    path.write_text(head + "\n".join(["Offset,Engine RPM,Air", "s,rpm,g/s", "", "[Channel Data]", *rows, ""]))
+
+
+def _lvm(path: Path, numbers: np.random.Generator) -> None:
+    head = [
+        "LabVIEW Measurement",
+        "Writer_Version\t2",
+        "Separator\tTab",
+        "Multi_Headings\tNo",
+        "X_Columns\tOne",
+        END,
+        "",
+    ]
+    block = ["Channels\t2", "Samples\t40\t40", "X0\t0\t0", "Delta_X\t0.1\t0.1", END, "X_Value\tSpeed\tLoad\tComment"]
+    rows = (f"{0.1 * i:.2f}\t{numbers.normal():.3f}\t{i}" for i in range(40))
+    path.write_text("\n".join([*head, *block, *rows]))
+
+
+def _mat(path: Path, numbers: np.random.Generator) -> None:
+    from scipy.io import savemat
+
+    columns = _columns(numbers)
+    group = {"time": columns["time"][:7], "signals": {"values": columns["Speed"][:7], "label": "Speed"}}
+    savemat(path, {**columns, "group": group, "note": "a text"}, do_compression=bool(numbers.integers(0, 2)))
+
+
+def _mat73(path: Path, numbers: np.random.Generator) -> None:
+    from matlab_files import save73
+
+    columns = _columns(numbers)
+    save73(path, {**columns, "group": {"time": columns["time"][:7], "data": columns["Load"][:7]}, "note": "a text"})
 
 
 _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _recordings)
