@@ -15,6 +15,7 @@ from kennfeld.calfiles.cvx_writer import write_cvx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.calfiles.dcm_reader import read_dcm
 from kennfeld.calfiles.dcm_update import write_dcm
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, read_flash, recognises_a2l, recognises_flash, write_flash
 from kennfeld.calfiles.format import Content, Format, Source, in_text, written
 from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
@@ -28,6 +29,7 @@ _FORMATS = (
     Format("CVX (INCA's CSV)", (".csv",), in_text(recognises_cvx), read_cvx, written(write_cvx)),
     Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
     Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
+    Format("Intel HEX or S-records with an A2L file", IMAGE_ENDINGS, recognises_flash, read_flash, write_flash),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (
@@ -35,10 +37,6 @@ _OTHER_KINDS = (
     (b"UnFinMF ", "an unfinished MDF measurement"),
     (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
     (b"<?xml", "XML"),
-    (b"ASAP2_VERSION", "an A2L description"),
-    (b"/begin", "an A2L description"),
-    (b":", "an Intel HEX image"),
-    (b"S0", "an S-record image"),
 )
 
 
@@ -72,24 +70,27 @@ def endings() -> tuple[str, ...]:
     return tuple(ending for known in _FORMATS for ending in known.endings)
 
 
-def read(path: str | Path) -> ParameterSet:
+def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     """The parameters of a calibration file; its content, not its name, tells the format.
 
-    Raises `InputError` with every finding: the thing, its value, the line, the mend.
+    `a2l` is the description of an image (Intel HEX, S-records); by default the A2L file of the same name beside it,
+    or the only one there. Raises `InputError` with every finding: the thing, its value, the line, the mend.
     """
-    return _content(Path(path)).parameters
+    return _content(Path(path), a2l).parameters
 
 
-def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
+def read_several(
+    paths: Iterable[str | Path], a2l: str | Path | None = None
+) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
     """The parameters of several files, and the remarks on what was left aside in them.
 
-    Raises `InputError` with the findings of all files that cannot be read.
+    `a2l` describes the images among them. Raises `InputError` with the findings of all files that cannot be read.
     """
     contents: list[Content] = []
     findings: list[Finding] = []
     for path in paths:
         try:
-            contents.append(_content(Path(path)))
+            contents.append(_content(Path(path), a2l))
         except InputError as error:
             findings += error.findings
     if findings:
@@ -97,25 +98,32 @@ def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple
     return [content.parameters for content in contents], tuple(one for content in contents for one in content.remarks)
 
 
-def write(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
+def write(
+    parameters: ParameterSet, path: str | Path, image: str | Path | None = None, a2l: str | Path | None = None
+) -> tuple[Finding, ...]:
     """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
 
     The file is complete or untouched. A set that was read from a DCM file and is written as one gives the same file
     with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an unknown
     ending and `InputError` naming each parameter that the format cannot hold.
+
+    An image (.hex, .s19, ...) is written over the one that the set was read from, or over `image`, which `a2l`
+    describes; values are rounded to what the control unit can store.
     """
     target = Path(path)
+    if image is not None:
+        parameters = parameters.from_origin(_content(Path(image), a2l).parameters.origin)
     made = _format_for(target).write(parameters, target.name)
     _replace(target, made.raw)
     return made.remarks
 
 
-def describe(path: str | Path) -> CalibrationFile:
+def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
     """What is in a calibration file: kind, parameters, group axes, texts, and what was left aside.
 
     Raises `InputError` where the file cannot be read.
     """
-    content = _content(Path(path))
+    content = _content(Path(path), a2l)
     members = content.parameters
     summaries = tuple(_summary(member) for member in members.parameters)
     return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.remarks)
@@ -127,8 +135,8 @@ def _summary(member: Parameter) -> ParameterSummary:
     return ParameterSummary(member.name, member.kind, member.values.shape, member.unit, member.description, low, high)
 
 
-def _content(path: Path) -> Content:
-    source = Source(path.name, _bytes(path), path)
+def _content(path: Path, a2l: str | Path | None = None) -> Content:
+    source = Source(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
     for known in _FORMATS:
         if known.recognises(source):
             with _no_collection():
@@ -172,6 +180,9 @@ def _unknown(path: Path, source: Source) -> Finding:
     lines = source.text.strip().splitlines()
     if not lines:
         return Finding(path.name, "is empty", f"Expected {_known()}.")
+    if recognises_a2l(source.text):
+        what = "is an A2L description, which holds no values"
+        return Finding(path.name, what, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
     return _foreign(path, source.raw, f"begins with {lines[0][:60]!r}")
 
 

@@ -63,11 +63,15 @@ class Notes:
 
 @dataclass(frozen=True)
 class Source:
-    """A calibration file as it lies on the disk; `path` tells where, for formats whose files come in pairs."""
+    """A calibration file as it lies on the disk.
+
+    For formats whose files come in pairs, `path` tells where it is, and `partner` is the other file where it was named.
+    """
 
     name: str
     raw: bytes
     path: Path | None = None
+    partner: Path | None = None
 
     @property
     def is_binary(self) -> bool:

@@ -10,6 +10,8 @@ from typing import Any
 from kennfeld import calfiles, measurement
 from kennfeld.calfiles.cdfx import recognises_cdfx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
+from kennfeld.calfiles.flash import recognises_a2l, recognises_flash
+from kennfeld.calfiles.format import Source
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
@@ -52,8 +54,10 @@ class Contents:
         return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
 
 
-def contents(path: str | Path) -> Contents:
-    """What is in a measurement, calibration, formula, project or training file, told by its content.
+def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
+    """What is in a measurement, calibration, A2L, formula, project or training file, told by its content.
+
+    `a2l` describes the labels of an image; by default the A2L file beside it.
 
     Raises `InputError` where there is no such file, or it can be read as none of these.
     """
@@ -67,6 +71,10 @@ def contents(path: str | Path) -> Contents:
         return _surrogate(file)
     if file.suffix.lower() == ".kf":
         return _formula(file, formulas.read(file, surrogates=formulas.surrogates_beside(file)))
+    if recognises_flash(Source(file.name, head.encode())):
+        return _calibration(calfiles.describe(file, a2l))
+    if recognises_a2l(head):
+        return _a2l(calfiles.describe_a2l(file))
     if kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head)):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
@@ -148,6 +156,42 @@ def _calibration(found: calfiles.CalibrationFile) -> Contents:
         "remarks": [str(remark) for remark in found.remarks],
     }
     return Contents(summary, [rows, axes, texts], [str(remark) for remark in found.remarks], _plain(as_json))
+
+
+def _a2l(found: calfiles.A2lFile) -> Contents:
+    a2l, labels = found.a2l, found.labels
+    rows = [("label", "kind", "size", "unit", "lower", "upper", "address", "function", "description")]
+    rows += [
+        (
+            one.name,
+            one.kind,
+            " x ".join(map(str, one.shape)),
+            one.unit,
+            _number(one.lower),
+            _number(one.upper),
+            f"0x{one.address:X}",
+            ", ".join(one.functions),
+            one.description,
+        )
+        for one in labels
+    ]
+    counts = {"labels": len(a2l.characteristics), "group axes": len(a2l.axis_pts), "measurements": a2l.measurements}
+    counted = ", ".join(f"{count} {thing}" for thing, count in counts.items())
+    version = f"ASAP2 {a2l.version}" if a2l.version else "ASAP2"
+    as_json = {
+        "content": "a2l",
+        "file": found.path.name,
+        "version": a2l.version,
+        "project": a2l.project,
+        "module": a2l.module,
+        "program": a2l.epk,
+        "measurements": a2l.measurements,
+        "functions": [{"name": one.name, "description": one.description} for one in a2l.functions.values()],
+        "labels": [asdict(one) for one in labels],
+        "remarks": [str(remark) for remark in found.remarks],
+    }
+    summary = f"{found.path.name}: A2L description ({version}, project {a2l.project}), {counted}"
+    return Contents(summary, [rows], [str(remark) for remark in found.remarks], _plain(as_json))
 
 
 def _surrogate(file: Path) -> Contents:
