@@ -5,6 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.calfiles import read
+from kennfeld.calfiles.a2l.reader import Flash, say_identity
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, unwritable
+from kennfeld.calfiles.format import Notes
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.schema import ProjectFile
@@ -16,13 +19,16 @@ __all__ = ["described", "read_initial", "sized"]
 def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | None:
     """The parameters of all initial files, later files winning; None, and findings, where one cannot be used."""
     merged, origin, good = ParameterSet(), dict[str, str](), True
+    image: Flash | None = None
     for name in file.calibration.initial:
-        if not (file.folder / name).is_file():
-            findings.append(_missing(file, name))
+        description = file.calibration.descriptions.get(name)
+        absent = [one for one in (name, description) if one and not (file.folder / one).is_file()]
+        if absent:
+            findings += [_missing(file, one) for one in absent]
             good = False
             continue
         try:
-            given = _read(file.folder / name)
+            given = _read(file.folder / name, file.folder / description if description else None)
         except InputError as error:
             findings += error.findings
             good = False
@@ -41,6 +47,14 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
             good = False
         good = good and not clashes
         origin |= dict.fromkeys(given, name)
+        if isinstance(given.origin, Flash):
+            image = given.origin
+            notes = Notes(image.a2l.file)
+            say_identity(image.a2l, image.image, notes)
+            findings += notes.settle()
+    if good and any(ending in IMAGE_ENDINGS for ending in file.calibration.output):
+        good = _has_image(file, image, findings)
+        merged = merged.from_origin(image)
     return _in_variant(file, merged, findings) if good else None
 
 
@@ -55,10 +69,18 @@ def _in_variant(file: ProjectFile, given: ParameterSet, findings: list[Finding])
         return None
 
 
-def _read(path: Path) -> ParameterSet:
+def _has_image(file: ProjectFile, image: Flash | None, findings: list[Finding]) -> bool:
+    """Whether the images to be written have one to start from, of their kind."""
+    wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
+    wrong = [found for ending in wanted if (found := unwritable(image, ending))]
+    findings += [Finding(file.place("[calibration] output"), *found) for found in wrong]
+    return not wrong
+
+
+def _read(path: Path, a2l: Path | None) -> ParameterSet:
     """The parameters of a calibration file, or the expansion of a static surrogate as one that may be fitted."""
     if path.suffix.casefold() != ".json" or not _is_surrogate(path):
-        return read(path)
+        return read(path, a2l)
     from kennfeld.surrogate import StaticSurrogate, read_surrogate
 
     made = read_surrogate(path)
