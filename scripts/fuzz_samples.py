@@ -193,4 +193,55 @@ def _mat73(path: Path, numbers: np.random.Generator) -> None:
     save73(path, {**columns, "group": {"time": columns["time"][:7], "data": columns["Load"][:7]}, "note": "a text"})
 
 
-_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _recordings)
+def _images(seed: int) -> Iterator[Sample]:
+    """An A2L file and the image that it describes: each is damaged."""
+    draw = random.Random(f"{seed}image")
+    memory = bytes(draw.randrange(1, 4) for _ in range(48))
+    files = {"ecu.a2l": _A2L.encode(), "ecu.hex": _hex(memory), "ecu.s19": _s19(memory)}
+    for name in files:
+        yield Sample(f"image {Path(name).suffix}", name, {one: files[one] for one in dict.fromkeys((name, "ecu.a2l"))})
+
+
+def _hex(memory: bytes) -> bytes:
+    """Intel HEX of bytes at 0x10000."""
+    data = [bytes([16, 0, at, 0]) + memory[at : at + 16] for at in range(0, len(memory), 16)]
+    bodies = [bytes([2, 0, 0, 4, 0, 1]), *data, bytes([0, 0, 0, 1])]
+    return b"".join(f":{body.hex().upper()}{-sum(body) % 256:02X}\r\n".encode() for body in bodies)
+
+
+def _s19(memory: bytes) -> bytes:
+    """S-records of bytes at 0x10000."""
+    lines = [(3, bytes([21, 0, 1, 0, at]) + memory[at : at + 16]) for at in range(0, len(memory), 16)]
+    lines.append((7, bytes([5, 0, 0, 0, 0])))
+    return b"".join(f"S{kind}{body.hex().upper()}{~sum(body) % 256:02X}\n".encode() for kind, body in lines)
+
+
+_A2L = """ASAP2_VERSION 1 71
+/begin PROJECT P "" /begin MODULE M "" /* a comment */
+/begin MOD_COMMON "" BYTE_ORDER MSB_FIRST ALIGNMENT_WORD 2 /end MOD_COMMON
+/begin IF_DATA XCP /begin PAGE 1 "x" /end PAGE /end IF_DATA
+/begin COMPU_METHOD HALF "" RAT_FUNC "%5.1" "rpm" COEFFS 0 2 0 0 0 1 /end COMPU_METHOD
+/begin COMPU_METHOD WORDS "" TAB_VERB "%5.1" "" COMPU_TAB_REF W /end COMPU_METHOD
+/begin COMPU_VTAB W "" TAB_VERB 3 1 "on" 2 "off" 3 "auto" DEFAULT_VALUE "none" /end COMPU_VTAB
+/begin RECORD_LAYOUT RM NO_AXIS_PTS_X 1 UBYTE NO_AXIS_PTS_Y 2 UBYTE AXIS_PTS_X 3 UWORD INDEX_INCR DIRECT
+  AXIS_PTS_Y 4 UWORD INDEX_INCR DIRECT FNC_VALUES 5 UWORD COLUMN_DIR DIRECT /end RECORD_LAYOUT
+/begin RECORD_LAYOUT RA AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT /end RECORD_LAYOUT
+/begin RECORD_LAYOUT RV FNC_VALUES 1 UBYTE ROW_DIR DIRECT /end RECORD_LAYOUT
+/begin CHARACTERISTIC M "a ""map"" of it" MAP 0x10000 RM 0 HALF 0 100
+  /begin AXIS_DESCR STD_AXIS Speed HALF 3 0 100 /end AXIS_DESCR
+  /begin AXIS_DESCR STD_AXIS Load NO_COMPU_METHOD 3 0 100 /end AXIS_DESCR /end CHARACTERISTIC
+/begin CHARACTERISTIC K "" VALUE 0x10020 RV 0 HALF 0 100 BIT_MASK 0x0F /end CHARACTERISTIC
+/begin CHARACTERISTIC T "" VALUE 0x10021 RV 0 WORDS 0 3 /end CHARACTERISTIC
+/begin CHARACTERISTIC B "" VAL_BLK 0x10022 RV 0 HALF 0 100 MATRIX_DIM 2 3 1 /end CHARACTERISTIC
+/begin CHARACTERISTIC F "" CURVE 0x10022 RV 0 HALF 0 100
+  /begin AXIS_DESCR FIX_AXIS Speed HALF 4 0 100 FIX_AXIS_PAR 0 1 4 /end AXIS_DESCR /end CHARACTERISTIC
+/begin AXIS_PTS A "" 0x10030 Speed RA 0 HALF 3 0 100 /end AXIS_PTS
+/begin FUNCTION Fn "" /begin DEF_CHARACTERISTIC M K /end DEF_CHARACTERISTIC /end FUNCTION
+/begin TYPEDEF_STRUCTURE S "" 8 /begin STRUCTURE_COMPONENT c TC 0 MATRIX_DIM 2 /end STRUCTURE_COMPONENT
+/end TYPEDEF_STRUCTURE
+/begin TYPEDEF_CHARACTERISTIC TC "" VALUE RV 0 HALF 0 100 /end TYPEDEF_CHARACTERISTIC
+/begin INSTANCE I "" S 0x10024 MATRIX_DIM 2 /end INSTANCE
+/end MODULE /end PROJECT
+"""
+
+_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _recordings)
