@@ -4,6 +4,7 @@ import random
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,7 @@ def _excel(path: Path, numbers: np.random.Generator) -> None:
     import xlsxwriter
 
     with xlsxwriter.Workbook(str(path)) as book:
+        book.set_properties({"created": datetime(2020, 1, 1)})  # else the time of making, different each time
         sheet = book.add_worksheet("Data")
         for column, (name, values) in enumerate(_columns(numbers).items()):
             sheet.write(0, column, name)
