@@ -281,6 +281,13 @@ def test_labels_that_the_description_does_not_have_are_told():
     assert remarks == ["new.hex: 2 labels (New, Words) left out: ecu.a2l does not have them"]
 
 
+def test_labels_that_follow_from_changed_ones_are_told():
+    dependent = '/begin DEPENDENT_CHARACTERISTIC "X1*5" L /end DEPENDENT_CHARACTERISTIC'
+    text = module(BYTE, label("VALUE"), label("VALUE", dependent, name="Five", address=ADDRESS + 1))
+    _, remarks = write(text, b"\x01\x05", values(2))
+    assert "1 label (Five) follow from changed labels by formulas, which are not calculated" in "\n".join(remarks)
+
+
 def test_another_unit_is_told():
     text = module(BYTE, TENTH, label("VALUE", conversion="CM"))
     _, remarks = write(text, b"\x01", lambda given: ParameterSet([Scalar("L", 0.1, unit="kPa")]))

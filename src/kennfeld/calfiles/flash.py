@@ -22,6 +22,7 @@ __all__ = [
 
 IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
 _INTEL_ENDINGS = (".hex", ".ihex")
+_NAMING = '--a2l FILE, or { a2l = "...", hex = "..." } in a project'
 _HEAD = 65536  # characters that tell what a file is
 _LARGEST = 500_000_000  # bytes of an included file
 
@@ -76,9 +77,9 @@ def _a2l_of(source: Source) -> Path:
         return beside[0]
     what = "is an image, whose labels an A2L file describes"
     if not found:
-        raise InputError.of(source.name, f"{what}; there is none beside it", "Name it: --a2l FILE.")
+        raise InputError.of(source.name, f"{what}; there is none beside it", f"Name it: {_NAMING}.")
     names = ", ".join(one.name for one in found[:5])
-    raise InputError.of(source.name, f"{what}; beside it are {names}", "Name the right one: --a2l FILE.")
+    raise InputError.of(source.name, f"{what}; beside it are {names}", f"Name the right one: {_NAMING}.")
 
 
 def read_a2l(path: Path) -> A2lFile:

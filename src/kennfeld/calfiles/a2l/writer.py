@@ -4,7 +4,7 @@ A number that has not changed keeps its bytes; a changed one becomes the nearest
 one). Checksums of the control unit are not touched.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -42,6 +42,7 @@ def stored(a2l: A2l, image: Image, parameters: ParameterSet, notes: Notes) -> by
         say_identity(a2l, image, notes)
         writer.roundings.tell(notes)
         notes.remark(0, "", "the checksums of the control unit are left to the flash tool")
+        _tell_dependent(a2l, writer.done, notes)
         _tell_shared_memory(a2l, image, content, writer, notes)
     return content
 
@@ -314,6 +315,18 @@ class _Writer:
 
 def _in_order(points: Float, falling: bool) -> Float:
     return points[::-1] if falling else points
+
+
+def _tell_dependent(a2l: A2l, changed: Collection[str], notes: Notes) -> None:
+    """Tell which labels a formula gives from others that have changed."""
+    found = [
+        one.name
+        for one in a2l.characteristics.values()
+        if one.name not in changed and any(name in changed for name in one.dependent_on)
+    ]
+    if found:
+        what = f"{listed(found)} follow from changed labels by formulas, which are not calculated"
+        notes.remark(0, "", f"{what}; their numbers stay")
 
 
 def _tell_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _Writer, notes: Notes) -> None:
