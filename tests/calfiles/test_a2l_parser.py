@@ -107,6 +107,12 @@ def test_another_file_may_be_included():
     assert list(a2l.characteristics) == ["L"]
 
 
+def test_a_missing_file_about_interfaces_does_not_matter():
+    a2l, remarks = parsed(module('/include "XCP_104.aml"', label("VALUE")))
+    assert list(a2l.characteristics) == ["L"]
+    assert "line 5: /include names 'XCP_104.aml', which is not there; it describes interfaces" in remarks[0]
+
+
 def test_files_that_include_each_other_are_an_error():
     assert "too many files include each other" in errors(module("/include a"), lambda _: b"/include a /include a")[0]
 
@@ -156,6 +162,8 @@ INSTANCES = """
   /begin STRUCTURE_COMPONENT c C 12 /end STRUCTURE_COMPONENT
 /end TYPEDEF_STRUCTURE
 /begin INSTANCE one "a scalar" T 0x10 /end INSTANCE
+/begin TYPEDEF_MEASUREMENT Measured "" UBYTE NO_COMPU_METHOD 0 0 0 255 /end TYPEDEF_MEASUREMENT
+/begin INSTANCE seen "not calibrated" Measured 0x20 MATRIX_DIM 4 /end INSTANCE
 /begin INSTANCE all "" S 0x100 MATRIX_DIM 2 /end INSTANCE
 """
 

@@ -27,6 +27,7 @@ _TEXT, _WORD, _OPEN = 1, 2, 3
 _ESCAPE = re.compile(r'\\(["\'\\])|""')
 _A2ML_END = re.compile(r"/end\s+A2ML\b", re.IGNORECASE)
 _LEFT_OUT = ("IF_DATA", "A2ML")
+_ML_ENDINGS = (".aml", ".a2ml")
 _DEEPEST = 64  # blocks within each other
 _MOST_INCLUDES = 200
 _MOST_CHARACTERS = 400_000_000  # of all included files together
@@ -187,10 +188,18 @@ class _Builder:
             self._fault(file, offset, f"/include {name[:60]}: too many files include each other")
             return
         raw = self.include(name) if self.include else None
-        if raw is None:
+        if raw is None and name.lower().endswith(_ML_ENDINGS):
+            what = (
+                f"/include names {name[:60]!r}, which is not there; it describes interfaces, which do not matter here"
+            )
+            self.notes.remark(file.line(offset), "", what)
+        elif raw is None:
             mend = "Put the file beside this one."
             self._fault(file, offset, f"/include names {name[:60]!r}, which cannot be read", mend)
-            return
+        else:
+            self._feed_included(file, offset, name, raw, depth)
+
+    def _feed_included(self, file: _File, offset: int, name: str, raw: bytes, depth: int) -> None:
         self.characters += len(raw)
         if self.characters > _MOST_CHARACTERS:
             self.faults = _MOST_FAULTS

@@ -98,6 +98,8 @@ class Instances:
     def _expand(self, use: _Use, depth: int, outer: str) -> None:
         if depth > _DEEPEST:
             raise UnusableError(f"has more than {_DEEPEST} structures within each other")
+        if use.type in self.measured | self.blobs:
+            return  # nothing to calibrate
         made = self.characteristics.get(use.type)
         if isinstance(made, Characteristic) and made.type == "VALUE" and use.sizes:
             self._take(replace(made, type="VAL_BLK", matrix_dim=use.sizes), use, outer)
@@ -114,7 +116,7 @@ class Instances:
                 name, address = f"{use.name}.{inner.name}", use.address + inner.address
                 read_only = inner.read_only or use.read_only
                 self._expand(replace(inner, name=name, address=address, read_only=read_only), depth + 1, use.name)
-        elif use.type not in self.measured | self.blobs:
+        else:
             raise UnusableError(f"is of the type {use.type[:60]}, which is not defined")
 
     def _elements(self, use: _Use) -> Iterator[_Use]:
