@@ -315,9 +315,12 @@ def test_curves_that_give_each_other_their_axes_end():
     curves = [
         label("CURVE", axis("CURVE_AXIS", 2, f"CURVE_AXIS_REF C{(i + 1) % 300}"), name=f"C{i}") for i in range(300)
     ]
-    found, remarks = read(module(*curves, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")), bytes(8))
-    assert not found
-    assert len(remarks) == 300
+    good = label("CURVE", axis("CURVE_AXIS", 2, "CURVE_AXIS_REF F"), name="Good")
+    fixed = label("CURVE", axis("FIX_AXIS", 2, "FIX_AXIS_PAR_DIST 5 5 2"), name="F")
+    blocks = *curves, good, fixed, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
+    found, remarks = read(module(*blocks), bytes([0, 1]))
+    assert list(found) == ["Good", "F"]
+    assert "300 labels" in remarks[0]
 
 
 def test_blocks_and_texts_are_read():
@@ -381,6 +384,14 @@ def test_breakpoints_that_repeat_are_told():
     entries = "AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"
     what = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([1, 5, 5, 1, 2, 3]))
     assert "has breakpoints that neither rise nor fall: number 2 is 5, number 3 is 5; left aside" in what
+
+
+def test_many_labels_with_one_reason_are_told_in_one_remark():
+    labels = [label("VALUE", name=f"L{i}", conversion="C") for i in range(25)]
+    found, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels), bytes(4))
+    assert not found
+    [remark] = remarks
+    assert "25 labels (L0, L1, L2, L3, L4 and 20 more) left aside, since each has the conversion C, which is" in remark
 
 
 def test_labels_that_are_not_in_the_image_are_told_once():

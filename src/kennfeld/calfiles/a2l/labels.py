@@ -352,14 +352,19 @@ class Labels:
         made = _resolved(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
         return AxisInMemory(made, False, "RES_AXIS")
 
+    def _curve(self, name: str) -> Label:
+        self._depth += 1
+        try:
+            if self._depth > _DEEPEST:
+                raise UnusableError(f"has an axis that follows from more than {_DEEPEST} curves")
+            return self.label(name)
+        finally:
+            self._depth -= 1
+
     def _by_curve(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         name = axis.curve_axis_ref
-        self._depth += 1
-        if self._depth > _DEEPEST:
-            raise UnusableError(f"has an axis that follows from more than {_DEEPEST} curves")
-        curve = self.label(name) if name in self.a2l.characteristics else None
-        self._depth -= 1
+        curve = self._curve(name) if name in self.a2l.characteristics else None
         if curve is None or curve.member is None or len(curve.axes) != 1:
             raise UnusableError(f"refers to the curve {name[:80]} for its axis, which is no curve here")
         points = curve.axes[0]

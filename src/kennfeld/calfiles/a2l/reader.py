@@ -17,6 +17,7 @@ from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 __all__ = ["Flash", "listed", "read_parameters", "say_identity"]
 
 _SHOWN = 5  # names in a remark
+_MOST_ALIKE = 20  # remarks that say the same
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,23 @@ class _Found:
     members: list[Parameter] = field(default_factory=list)
     texts: list[Text] = field(default_factory=list)
     axes: list[Axis] = field(default_factory=list)
+    aside: dict[str, list[tuple[int, str]]] = field(default_factory=dict)  # for each reason the lines and the labels
     absent: list[str] = field(default_factory=list)
     dependent: list[str] = field(default_factory=list)
+
+    def leave(self, source: AxisPts | Characteristic, reason: str) -> None:
+        """Leave a label aside."""
+        self.aside.setdefault(reason, []).append((source.line, source.name))
+
+    def tell_aside(self, notes: Notes) -> None:
+        """Tell what was left aside: each label, or in one remark the many that have one reason."""
+        for reason, labels in self.aside.items():
+            if len(labels) > _MOST_ALIKE:
+                names = listed([name for _, name in labels])
+                notes.remark(labels[0][0], "and others", f"{names} left aside, since each {reason}")
+            else:
+                for line, name in labels:
+                    notes.remark(line, name, f"{reason}; left aside")
 
 
 def read_parameters(a2l: A2l, image: Image, notes: Notes) -> ParameterSet:
@@ -50,9 +66,10 @@ def read_parameters(a2l: A2l, image: Image, notes: Notes) -> ParameterSet:
         _take_axis(labels, name, axis, found, notes)
     for name, source in a2l.characteristics.items():
         if name in a2l.axis_pts:
-            notes.remark(source.line, name, "is the name of an AXIS_PTS too; left aside")
+            found.leave(source, "is the name of an AXIS_PTS too")
         else:
             _take(labels, source, found, notes)
+    found.tell_aside(notes)
     if found.absent:
         what = f"{listed(found.absent)} left aside: their addresses are not in {image.name}"
         notes.remark(0, "", what, "See whether the image is complete and belongs to this description.")
@@ -66,7 +83,7 @@ def _take_axis(labels: Labels, name: str, source: AxisPts, found: _Found, notes:
     try:
         shared = labels.shared(name)
     except UnusableError as error:
-        notes.remark(source.line, name, f"{error}; left aside")
+        found.leave(source, str(error))
     except AbsentError:
         found.absent.append(name)
     else:
@@ -80,7 +97,7 @@ def _take(labels: Labels, source: Characteristic, found: _Found, notes: Notes) -
     try:
         label = labels.label(source.name)
     except (UnusableError, ArgumentError) as error:
-        notes.remark(source.line, source.name, f"{error}; left aside")
+        found.leave(source, str(error))
         return
     except AbsentError:
         found.absent.append(source.name)
