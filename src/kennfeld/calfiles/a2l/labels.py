@@ -21,6 +21,7 @@ from kennfeld.calfiles.a2l.objects import (
     RecordLayout,
 )
 from kennfeld.calfiles.a2l.parts import Kept, Part, order_of
+from kennfeld.calfiles.a2l.points import fixed_count, fixed_points, resolved, rising, spaced
 from kennfeld.calfiles.a2l.record import AbsentError, Places, Wanted, placed
 from kennfeld.calfiles.format import holds_control_characters
 from kennfeld.calfiles.images.image import Image
@@ -102,8 +103,6 @@ class Labels:
         """A characteristic."""
         return _remembered(self._labels, name, lambda: self._read_label(self.a2l.characteristics[name]))
 
-    # ------------------------------------------------------------------ breakpoints
-
     def _read_shared(self, name: str) -> SharedAxis:
         source = self.a2l.axis_pts.get(name)
         if source is None:
@@ -115,7 +114,7 @@ class Labels:
         part = self.part(source.address, places, key, self._kept_of_axis(source, places.components[key]))
         if key == "AXIS_RESCALE_X":
             return SharedAxis(source, places, part, pairs=self._pairs(part))
-        points, falling = _rising(part.physical)
+        points, falling = rising(part.physical)
         axis = Axis(points, input=_quantity(source.input_quantity), unit=self._unit(source, part), name=name)
         return SharedAxis(source, places, part, axis, falling)
 
@@ -143,8 +142,6 @@ class Labels:
         order = order_of(source.byte_order, outer_order, common.byte_order)
         difference = deposit == "DIFFERENCE" and component.kind == "AXIS_PTS"
         return Kept(component.data_type, order, conversion, None, difference, lower, upper)
-
-    # ------------------------------------------------------------------ memory
 
     def layout(self, name: str) -> RecordLayout:
         """A record layout by its name."""
@@ -193,7 +190,7 @@ class Labels:
             if shared.axis is None:
                 raise UnusableError(f"refers to {axis.axis_pts_ref} as common breakpoints, which are rescale pairs")
             return len(shared.axis)
-        if axis.attribute == "FIX_AXIS" and (count := _fixed_count(axis)):
+        if axis.attribute == "FIX_AXIS" and (count := fixed_count(axis)):
             return count
         return axis.max_axis_points
 
@@ -215,8 +212,6 @@ class Labels:
             raise AbsentError
         found = Part.of(memory, offsets - start, kept)
         return Part(kept, offsets, found.stored)
-
-    # ------------------------------------------------------------------ characteristics
 
     def _read_label(self, source: Characteristic) -> Label:
         if source.virtual:
@@ -287,8 +282,6 @@ class Labels:
         text = Text(source.name, word, source.description)
         return Label(source, places, part, text=text, words=part.kept.conversion)
 
-    # ------------------------------------------------------------------ axes of tables
-
     def _axis(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
         readers = {
             "STD_AXIS": self._own,
@@ -305,16 +298,16 @@ class Labels:
             return self._fixed(source, axis, direction, places)
         kept = self._kept_of_axis(axis, places.components[key], source.byte_order)
         part = self.part(source.address, places, key, kept)
-        points, falling = _rising(part.physical)
+        points, falling = rising(part.physical)
         made = Axis(points, input=_quantity(axis.input_quantity), unit=self._unit(axis, part))
         return AxisInMemory(made, falling, axis.attribute, part, read_only=axis.read_only)
 
     def _fixed(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         raw = self._stored_spacing(source, direction, places, count)
-        raw = _fixed_points(axis, count) if raw is None else raw
+        raw = fixed_points(axis, count) if raw is None else raw
         conversion = conversion_of(self.a2l, axis.conversion, axis.lower, axis.upper)
-        points, falling = _rising(conversion.physical(raw))
+        points, falling = rising(conversion.physical(raw))
         unit = (axis.phys_unit or conversion.unit).strip()
         return AxisInMemory(Axis(points, input=_quantity(axis.input_quantity), unit=unit), falling, "FIX_AXIS")
 
@@ -332,7 +325,7 @@ class Labels:
         shift = stored.get("SHIFT_OP")
         if "DIST_OP" not in stored and (shift is None or abs(shift) > 64):
             raise UnusableError(f"has an offset of its {direction} axis in the memory, but no distance")
-        return _spaced(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
+        return spaced(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
 
     def _common(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
@@ -349,7 +342,7 @@ class Labels:
             raise UnusableError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
         unit = self._unit(shared.source, shared.part)
         quantity = _quantity(axis.input_quantity)
-        made = _resolved(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
+        made = resolved(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
         return AxisInMemory(made, False, "RES_AXIS")
 
     def _curve(self, name: str) -> Label:
@@ -370,7 +363,7 @@ class Labels:
         points = curve.axes[0]
         if points.falling:
             raise UnusableError(f"has positions along the curve {name}, which lies in falling order")
-        made = _resolved(points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input)
+        made = resolved(points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input)
         return AxisInMemory(made, False, "CURVE_AXIS")
 
 
@@ -410,51 +403,3 @@ def _sizes(source: Characteristic) -> tuple[int, ...]:
 
 def _quantity(name: str) -> str:
     return "" if name == "NO_INPUT_QUANTITY" else name
-
-
-def _fixed_count(axis: AxisDescr) -> int:
-    if axis.fix_axis_par is not None:
-        return axis.fix_axis_par[2]
-    if axis.fix_axis_par_dist is not None:
-        return axis.fix_axis_par_dist[2]
-    return len(axis.fix_axis_par_list)
-
-
-def _fixed_points(axis: AxisDescr, count: int) -> Float:
-    if axis.fix_axis_par is not None:
-        offset, shift, _ = axis.fix_axis_par
-        return _spaced(offset, 2.0**shift, count)
-    if axis.fix_axis_par_dist is not None:
-        offset, distance, _ = axis.fix_axis_par_dist
-        return _spaced(offset, distance, count)
-    if not axis.fix_axis_par_list:
-        raise UnusableError(f"has a {axis.attribute} without breakpoints")
-    return np.array(axis.fix_axis_par_list[:count])
-
-
-def _spaced(offset: float, distance: float, count: int) -> Float:
-    points: Float = offset + distance * np.arange(count, dtype=np.float64)
-    return points
-
-
-def _rising(points: Float) -> tuple[Float, bool]:
-    """Breakpoints in rising order, and whether they fell; `UnusableError` where they do neither."""
-    if not np.all(np.isfinite(points)):
-        raise UnusableError("has breakpoints that have no physical value")
-    steps = np.diff(points)
-    if np.all(steps > 0):
-        return points, False
-    if np.all(steps < 0):
-        return points[::-1], True
-    at = int(np.flatnonzero((steps <= 0) if steps[0] > 0 else (steps >= 0))[0]) if steps[0] else 0
-    raise UnusableError(
-        f"has breakpoints that neither rise nor fall: number {at + 1} is {points[at]:g}, "
-        f"number {at + 2} is {points[at + 1]:g}"
-    )
-
-
-def _resolved(inputs: Float, positions: Float, count: int, name: str, unit: str, quantity: str) -> Axis:
-    """The inputs of the columns 0, 1, ...: the same lookup only where every pair is a column."""
-    if not np.array_equal(positions, np.arange(count)) or np.any(np.diff(inputs) <= 0):
-        raise UnusableError(f"has breakpoints that do not follow from the positions of {name}")
-    return Axis(inputs, input=quantity, unit=unit)

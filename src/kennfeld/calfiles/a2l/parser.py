@@ -4,7 +4,7 @@ The keywords and their order are those of ASAM MCD-2 MC (ASAP2) 1.3 to 1.71. An 
 aside with a remark; a file whose blocks do not fit together is refused.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -13,14 +13,12 @@ from kennfeld.calfiles.a2l.blocks import Block, Include, blocks, unquoted
 from kennfeld.calfiles.a2l.cursor import Cursor, UnusableError, number, whole
 from kennfeld.calfiles.a2l.instances import Instances
 from kennfeld.calfiles.a2l.layouts import record_layout
+from kennfeld.calfiles.a2l.methods import compu_method, compu_tab, compu_vtab, compu_vtab_range
 from kennfeld.calfiles.a2l.objects import (
     A2l,
     AxisDescr,
     AxisPts,
     Characteristic,
-    CompuMethod,
-    CompuTab,
-    CompuVtab,
     Function,
     ModCommon,
 )
@@ -56,13 +54,6 @@ _OF_CHARACTERISTIC = _SHARED | {
     "NUMBER": 1,
 }
 _OF_AXIS = _SHARED | {"AXIS_PTS_REF": 1, "CURVE_AXIS_REF": 1, "FIX_AXIS_PAR": 3, "FIX_AXIS_PAR_DIST": 3}
-_OF_METHOD = {
-    "COEFFS": 6,
-    "COEFFS_LINEAR": 2,
-    "COMPU_TAB_REF": 1,
-    "REF_UNIT": 1,
-    "STATUS_STRING_REF": 1,
-}
 _ALIGNMENTS = ("BYTE", "WORD", "LONG", "INT64", "FLOAT16_IEEE", "FLOAT32_IEEE", "FLOAT64_IEEE")
 _OF_COMMON = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
     "BYTE_ORDER": 1,
@@ -70,7 +61,6 @@ _OF_COMMON = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
     "DEPOSIT": 1,
     "S_REC_LAYOUT": 1,
 }
-_MOST_ROWS = 100_000  # of a conversion table
 
 Made = TypeVar("Made", bound=Any)
 
@@ -130,9 +120,9 @@ class _Module:
             common=self._common(),
             characteristics=self._joined(characteristics, more),
             axis_pts=self._joined(axis_pts, more_axes),
-            compu_methods=self._all("COMPU_METHOD", _compu_method),
-            compu_tabs=self._all("COMPU_TAB", _compu_tab),
-            compu_vtabs=self._all("COMPU_VTAB", _compu_vtab) | self._all("COMPU_VTAB_RANGE", _compu_vtab_range),
+            compu_methods=self._all("COMPU_METHOD", compu_method),
+            compu_tabs=self._all("COMPU_TAB", compu_tab),
+            compu_vtabs=self._all("COMPU_VTAB", compu_vtab) | self._all("COMPU_VTAB_RANGE", compu_vtab_range),
             record_layouts=self._all("RECORD_LAYOUT", record_layout),
             functions=functions,
             measurements=sum(1 for _ in self.module.inner("MEASUREMENT")),
@@ -361,62 +351,3 @@ def _function(block: Block) -> Function:
     name, description = cursor.word("name"), cursor.text("description")
     inner = block.inner("DEF_CHARACTERISTIC")
     return Function(name, description, tuple(unquoted(word) for one in inner for word in one.tokens))
-
-
-def _compu_method(block: Block) -> CompuMethod:
-    cursor = Cursor(block)
-    name, _, kind = cursor.word("name"), cursor.text("description"), cursor.word("kind")
-    cursor.text("format")
-    unit = cursor.text("unit")
-    options = cursor.options(_OF_METHOD)
-    coeffs = [number(word) for word in options.get("COEFFS_LINEAR" if kind == "LINEAR" else "COEFFS", [])]
-    wanted = {"LINEAR": 2, "RAT_FUNC": 6}.get(kind, len(coeffs))
-    if len(coeffs) != wanted or any(value is None or abs(value) > 1e300 for value in coeffs):
-        raise UnusableError(f"is {kind} without {wanted} finite coefficients")
-    formulas = [_formula(inner) for inner in block.inner("FORMULA")]
-    forwards, inverse = formulas[0] if formulas else ("", "")
-    table = options.get("COMPU_TAB_REF", [""])[0]
-    found = tuple(value for value in coeffs if value is not None)
-    return CompuMethod(name, kind, unit.strip(), found, table, forwards, inverse, block.line)
-
-
-def _formula(block: Block) -> tuple[str, str]:
-    cursor = Cursor(block)
-    return cursor.text("formula"), cursor.options({"FORMULA_INV": 1}).get("FORMULA_INV", [""])[0]
-
-
-def _compu_tab(block: Block) -> CompuTab:
-    cursor = Cursor(block)
-    name, _, _, count = cursor.word("name"), cursor.text("description"), cursor.word("kind"), cursor.whole("size")
-    pairs = [(cursor.number("raw number"), cursor.number("number")) for _ in _rows(count, cursor, 2)]
-    options = cursor.options({"DEFAULT_VALUE": 1, "DEFAULT_VALUE_NUMERIC": 1})
-    default = next((number(given[0]) for key, given in options.items() if key == "DEFAULT_VALUE_NUMERIC"), None)
-    pairs.sort()
-    return CompuTab(name, tuple(one for one, _ in pairs), tuple(other for _, other in pairs), default)
-
-
-def _compu_vtab(block: Block) -> CompuVtab:
-    cursor = Cursor(block)
-    name, _, _, count = cursor.word("name"), cursor.text("description"), cursor.word("kind"), cursor.whole("size")
-    pairs = [(cursor.number("raw number"), cursor.word("text")) for _ in _rows(count, cursor, 2)]
-    return CompuVtab(name, tuple((raw, raw, text) for raw, text in pairs), _default(cursor))
-
-
-def _compu_vtab_range(block: Block) -> CompuVtab:
-    cursor = Cursor(block)
-    name, _, count = cursor.word("name"), cursor.text("description"), cursor.whole("size")
-    rows = [
-        (cursor.number("least number"), cursor.number("largest number"), cursor.word("text"))
-        for _ in _rows(count, cursor, 3)
-    ]
-    return CompuVtab(name, tuple(rows), _default(cursor))
-
-
-def _rows(count: int, cursor: Cursor, width: int) -> Iterator[int]:
-    if not 0 <= count <= _MOST_ROWS or count * width > cursor.left():
-        raise UnusableError(f"states {count} rows, which are not there")
-    return iter(range(count))
-
-
-def _default(cursor: Cursor) -> str | None:
-    return cursor.options({"DEFAULT_VALUE": 1}).get("DEFAULT_VALUE", [None])[0] or None

@@ -101,8 +101,6 @@ class _Writer:
             what = f"cannot be written: 0x{source.address:X} is not in {self.labels.image.name}"
             self.notes.remark(0, source.name, what)
 
-    # ------------------------------------------------------------------ axes
-
     def _shared_axis(self, axis: Axis) -> None:
         shared = self.labels.shared(axis.name)
         if shared.axis is None:
@@ -171,8 +169,6 @@ class _Writer:
             part = self.labels.part(source.address, places, key, kept)
             self._numbers(source, part, np.array(float(number)), source.address, "number of points")
 
-    # ------------------------------------------------------------------ parameters
-
     def _parameter(self, member: Parameter) -> None:
         label = self.labels.label(member.name)
         if label.member is None:
@@ -237,8 +233,6 @@ class _Writer:
         values = label.in_memory_order(member.values)
         self._numbers(label.source, part, values, label.source.address, "value", member, everything=True)
 
-    # ------------------------------------------------------------------ texts
-
     def _text(self, text: Text) -> None:
         label = self.labels.label(text.name)
         if label.text is None:
@@ -274,8 +268,6 @@ class _Writer:
             raw = np.where(raw > 127, raw - 256, raw)
         self.done[text.name] = None
         self.memory.put(text.name, label.source.address, label.part, raw, raw != label.part.stored)
-
-    # ------------------------------------------------------------------ numbers
 
     def _numbers(
         self,
