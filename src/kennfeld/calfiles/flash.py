@@ -1,16 +1,24 @@
-"""Images as calibration files: which A2L file describes an image, and what the two hold together."""
+"""Images as calibration files: which A2L file describes an image, and what the two hold together.
 
+What reads A2L files and images is loaded by whoever has some.
+"""
+
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from kennfeld.calfiles.a2l import A2l, Described, Flash, described, parse_a2l, read_parameters, stored
 from kennfeld.calfiles.format import Content, Notes, Source, Written
-from kennfeld.calfiles.images import read_image, recognises_image
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.parameters import ParameterSet
+
+if TYPE_CHECKING:
+    from kennfeld.calfiles.a2l import A2l, Described
+    from kennfeld.calfiles.images import Image
 
 __all__ = [
     "IMAGE_ENDINGS",
     "A2lFile",
+    "Flash",
     "describe_a2l",
     "read_a2l",
     "read_flash",
@@ -27,21 +35,38 @@ _HEAD = 65536  # characters that tell what a file is
 _LARGEST = 500_000_000  # bytes of an included file
 
 
+@dataclass(frozen=True, eq=False)
+class Flash:
+    """Where a set of parameters was read from: an image, and the A2L file that describes it."""
+
+    a2l: "A2l"
+    image: "Image"
+
+
+@dataclass(frozen=True, eq=False)
 class A2lFile:
     """What an A2L file describes, and the remarks on what of it was left aside."""
 
-    def __init__(self, path: Path, a2l: A2l, remarks: tuple[Finding, ...]) -> None:
-        self.path, self.a2l, self.remarks = path, a2l, remarks
+    path: Path
+    a2l: "A2l"
+    remarks: tuple[Finding, ...]
 
     @property
-    def labels(self) -> tuple[Described, ...]:
+    def labels(self) -> "tuple[Described, ...]":
         """Every label and group axis."""
+        from kennfeld.calfiles.a2l import described
+
         return described(self.a2l)
 
 
 def recognises_flash(source: Source) -> bool:
     """Whether a file begins like Intel HEX or S-records."""
-    return recognises_image(source.raw[:_HEAD].removeprefix(b"\xef\xbb\xbf"))
+    head = source.raw[:_HEAD].lstrip()
+    if head[:1] not in (b":", b"S"):
+        return False
+    from kennfeld.calfiles.images import recognises_image
+
+    return recognises_image(head)
 
 
 def recognises_a2l(head: str) -> bool:
@@ -56,6 +81,9 @@ def read_flash(source: Source) -> Content:
 
     Raises `InputError` where there is none, or where one of the two cannot be read.
     """
+    from kennfeld.calfiles.a2l import read_parameters
+    from kennfeld.calfiles.images import read_image
+
     description = read_a2l(_a2l_of(source))
     notes = Notes(source.name)
     image = read_image(source.raw, source.name, notes)
@@ -84,6 +112,8 @@ def _a2l_of(source: Source) -> Path:
 
 def read_a2l(path: Path) -> A2lFile:
     """What an A2L file describes, files that it includes with it. Raises `InputError` with every finding."""
+    from kennfeld.calfiles.a2l import parse_a2l
+
     raw = _content(path)
     if raw is None:
         beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
@@ -127,6 +157,8 @@ def write_flash(parameters: ParameterSet, file: str) -> Written:
     wrong = unwritable(origin, Path(file).suffix.lower())
     if wrong or not isinstance(origin, Flash):
         raise InputError.of(file, *(wrong or ()))
+    from kennfeld.calfiles.a2l import stored
+
     notes = Notes(file)
     content = stored(origin.a2l, origin.image, parameters, notes)
     return Written(content, notes.settle())

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.calfiles import read
-from kennfeld.calfiles.a2l.reader import Flash, say_identity
-from kennfeld.calfiles.flash import IMAGE_ENDINGS, unwritable
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, Flash, unwritable
 from kennfeld.calfiles.format import Notes
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Parameter, ParameterSet
@@ -49,9 +48,7 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
         origin |= dict.fromkeys(given, name)
         if isinstance(given.origin, Flash):
             image = given.origin
-            notes = Notes(image.a2l.file)
-            say_identity(image.a2l, image.image, notes)
-            findings += notes.settle()
+            findings += _identity(image)
     if good and any(ending in IMAGE_ENDINGS for ending in file.calibration.output):
         good = _has_image(file, image, findings)
         merged = merged.from_origin(image)
@@ -67,6 +64,15 @@ def _in_variant(file: ProjectFile, given: ParameterSet, findings: list[Finding])
     except ArgumentError as error:
         findings.append(Finding(file.place("[calibration] variant"), str(error)))
         return None
+
+
+def _identity(flash: Flash) -> tuple[Finding, ...]:
+    """A warning where the image is of another program than the A2L file."""
+    from kennfeld.calfiles.a2l.reader import say_identity
+
+    notes = Notes(flash.a2l.file)
+    say_identity(flash.a2l, flash.image, notes)
+    return notes.settle()
 
 
 def _has_image(file: ProjectFile, image: Flash | None, findings: list[Finding]) -> bool:

@@ -3,7 +3,7 @@
 from kennfeld.calfiles.a2l.description import Described, described
 from kennfeld.calfiles.a2l.objects import A2l
 from kennfeld.calfiles.a2l.parser import parse_a2l
-from kennfeld.calfiles.a2l.reader import Flash, read_parameters
+from kennfeld.calfiles.a2l.reader import read_parameters
 from kennfeld.calfiles.a2l.writer import stored
 
-__all__ = ["A2l", "Described", "Flash", "described", "parse_a2l", "read_parameters", "stored"]
+__all__ = ["A2l", "Described", "described", "parse_a2l", "read_parameters", "stored"]

@@ -9,23 +9,16 @@ from kennfeld.calfiles.a2l.cursor import UnusableError
 from kennfeld.calfiles.a2l.labels import Label, Labels
 from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.record import AbsentError
+from kennfeld.calfiles.flash import Flash
 from kennfeld.calfiles.format import Notes, counted
 from kennfeld.calfiles.images.image import Image
 from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
-__all__ = ["Flash", "listed", "read_parameters", "say_identity"]
+__all__ = ["listed", "read_parameters", "say_identity"]
 
 _SHOWN = 5  # names in a remark
 _MOST_ALIKE = 20  # remarks that say the same
-
-
-@dataclass(frozen=True)
-class Flash:
-    """Where a set of parameters was read from: an image, and the A2L file that describes it."""
-
-    a2l: A2l
-    image: Image
 
 
 @dataclass
