@@ -1,6 +1,7 @@
 """Whole files of every format, made from a seed, for `fuzz.py` to damage."""
 
 import random
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Parame
 
 WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles")]
 END = "***End_of_Header***"  # of LabVIEW
+_MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
 LARGEST = 300_000  # bytes of a real file that is damaged as well
 
 
@@ -135,6 +137,7 @@ def _mdf(version: str) -> Callable[[Path, np.random.Generator], None]:
                     time = columns.pop("time")
                     mdf.append([Signal(v, time, name=f"{n}{rows}", unit="rpm") for n, v in columns.items()])
                 mdf.save(path, overwrite=True, compression=int(numbers.integers(0, 3)) if version > "4" else 0)
+        path.write_bytes(_MADE.sub(b"Wed Jan  1 00:00:00 2020: updated", path.read_bytes()))
 
     return write
 
