@@ -1,7 +1,7 @@
 """Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
 
 import gc
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,6 +51,8 @@ class ParameterSummary:
     description: str
     minimum: float  # NaN where there is no value
     maximum: float
+    functions: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()  # the first one is read
 
 
 @dataclass(frozen=True)
@@ -125,14 +127,19 @@ def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile
     """
     content = _content(Path(path), a2l)
     members = content.parameters
-    summaries = tuple(_summary(member) for member in members.parameters)
+    others: dict[str, list[str]] = {}
+    for thing in members.others:
+        others.setdefault(thing.name, []).append(thing.variant)
+    summaries = tuple(_summary(member, others.get(member.name, [])) for member in members.parameters)
     return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.remarks)
 
 
-def _summary(member: Parameter) -> ParameterSummary:
+def _summary(member: Parameter, others: Sequence[str]) -> ParameterSummary:
     known = member.values[~np.isnan(member.values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (np.nan, np.nan)
-    return ParameterSummary(member.name, member.kind, member.values.shape, member.unit, member.description, low, high)
+    shape, variants = member.values.shape, (member.variant, *others) if others or member.variant else ()
+    said = member.unit, member.description
+    return ParameterSummary(member.name, member.kind, shape, *said, low, high, member.functions, variants)
 
 
 def _content(path: Path, a2l: str | Path | None = None) -> Content:

@@ -133,11 +133,17 @@ def _measurement(found: measurement.Description) -> Contents:
 
 
 def _calibration(found: calfiles.CalibrationFile) -> Contents:
-    rows = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
+    rows: list[Sequence[str]] = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
     rows += [
         (p.name, p.kind, " x ".join(map(str, p.shape)), p.unit, _number(p.minimum), _number(p.maximum), p.description)
         for p in found.parameters
     ]
+    for heading, cells in (
+        ("functions", [", ".join(p.functions) for p in found.parameters]),
+        ("variants", [", ".join(variant or "(none)" for variant in p.variants) for p in found.parameters]),
+    ):
+        if any(cells):
+            rows = [(*row, cell) for row, cell in zip(rows, [heading, *cells], strict=True)]
     axes = [("group axis", "size", "unit", "begin", "end")]
     axes += [(a.name, str(len(a)), a.unit, _number(a.breakpoints[0]), _number(a.breakpoints[-1])) for a in found.axes]
     texts = [("text", "content"), *((text.name, text.text) for text in found.texts)]
