@@ -48,6 +48,15 @@ def test_cdfx_reads_back_what_it_wrote(tmp_path_factory, parameters):
     assert read(path) == in_xml(parameters)
 
 
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_excel_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.xlsx"
+    assume(not any(character in repr(parameters) for character in NO_XML))
+    write(parameters, path)
+    assert read(path) == parameters
+
+
 def in_xml(parameters):
     """The set with the two characters that XML excludes turned into blanks, as units and descriptions are written."""
     return ParameterSet(
@@ -71,7 +80,7 @@ def blanked(text):
     return "".join(" " if character in NO_XML else character for character in text)
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx"])
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):

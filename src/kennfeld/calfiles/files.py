@@ -13,6 +13,9 @@ from kennfeld.calfiles.cvx_writer import write_cvx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.calfiles.dcm_reader import read_dcm
 from kennfeld.calfiles.dcm_update import write_dcm
+from kennfeld.calfiles.excel_book import looks_like_a_workbook
+from kennfeld.calfiles.excel_reader import read_excel
+from kennfeld.calfiles.excel_writer import write_excel
 from kennfeld.calfiles.format import Content, Format, Source, in_text, written
 from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
@@ -26,6 +29,7 @@ _FORMATS = (
     Format("CVX (INCA's CSV)", (".csv",), in_text(recognises_cvx), read_cvx, written(write_cvx)),
     Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
     Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
+    Format("Excel", (".xlsx",), looks_like_a_workbook, read_excel, write_excel),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (

@@ -10,6 +10,8 @@ from typing import Any
 from kennfeld import calfiles, measurement
 from kennfeld.calfiles.cdfx import recognises_cdfx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
+from kennfeld.calfiles.excel_book import is_calibration_workbook
+from kennfeld.calfiles.format import Source
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
@@ -67,12 +69,18 @@ def contents(path: str | Path) -> Contents:
         return _surrogate(file)
     if file.suffix.lower() == ".kf":
         return _formula(file, formulas.read(file, surrogates=formulas.surrogates_beside(file)))
-    if kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head)):
+    if _is_calibration(file, kind, head):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
         text, beside = file.read_text(encoding="utf-8-sig"), formulas.surrogates_beside(file)
         return _formula(file, formulas.formula(text, file.name, surrogates=beside))
     return _measurement(measurement.describe(path))
+
+
+def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
+    if kind is Kind.EXCEL:
+        return is_calibration_workbook(Source(file.name, file.read_bytes(), file))
+    return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head))
 
 
 def _sniffed(file: Path) -> tuple[Kind, str]:
