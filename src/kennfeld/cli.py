@@ -387,7 +387,7 @@ def convert(
 ) -> int:
     """Turn a calibration file into another format.
 
-    The formats are .dcm, .csv (INCA's CVX), .cdfx, .json and .xlsx (Excel, a sheet for each table).
+    The formats are .dcm, .csv (INCA's CVX), .cdfx, .json, .xlsx (a sheet for each table), .m and .mat (MATLAB).
     """
     from kennfeld import calfiles
 

@@ -28,10 +28,10 @@ def test_the_public_names_are_pinned():
         "read_several",
         "write",
     ]
-    assert endings() == (".json", ".csv", ".cdfx", ".dcm", ".xlsx")
+    assert endings() == (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".mat", ".m")
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".DCM"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".mat", ".m", ".DCM"])
 def test_the_content_tells_the_format_when_reading(tmp_path, ending):
     write(ONE, tmp_path / f"a{ending}")
     (tmp_path / f"a{ending}").rename(tmp_path / "renamed.txt")

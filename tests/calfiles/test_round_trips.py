@@ -57,6 +57,22 @@ def test_excel_reads_back_what_it_wrote(tmp_path_factory, parameters):
     assert read(path) == parameters
 
 
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_matlab_data_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.mat"
+    write(parameters, path)
+    assert read(path) == parameters
+
+
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_a_matlab_script_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.m"
+    write(parameters, path)
+    assert read(path) == parameters
+
+
 def in_xml(parameters):
     """The set with the two characters that XML excludes turned into blanks, as units and descriptions are written."""
     return ParameterSet(
@@ -80,7 +96,7 @@ def blanked(text):
     return "".join(" " if character in NO_XML else character for character in text)
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):

@@ -18,6 +18,9 @@ from kennfeld.calfiles.excel_reader import read_excel
 from kennfeld.calfiles.excel_writer import write_excel
 from kennfeld.calfiles.format import Content, Format, Source, in_text, written
 from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
+from kennfeld.calfiles.mat_file import read_mat, recognises_mat
+from kennfeld.calfiles.matlab_script import read_script, recognises_script
+from kennfeld.calfiles.matlab_writer import write_mat, write_script
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 from kennfeld.whole_files import write_whole
@@ -30,6 +33,8 @@ _FORMATS = (
     Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
     Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
     Format("Excel", (".xlsx",), looks_like_a_workbook, read_excel, write_excel),
+    Format("MATLAB data", (".mat",), recognises_mat, read_mat, write_mat),
+    Format("MATLAB script", (".m",), in_text(recognises_script), read_script, written(write_script)),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (

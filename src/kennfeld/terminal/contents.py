@@ -12,6 +12,8 @@ from kennfeld.calfiles.cdfx import recognises_cdfx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.calfiles.excel_book import is_calibration_workbook
 from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
+from kennfeld.calfiles.matlab_script import recognises_script
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
@@ -37,6 +39,7 @@ _LINE_OF_FORMULA = re.compile(
 )
 _CALIBRATIONS = (Kind.DCM, Kind.CVX, Kind.JSON)
 _HEAD = 65536
+_LARGEST_CALIBRATION = 100_000_000  # bytes of a data file of MATLAB that is looked into
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,11 @@ def contents(path: str | Path) -> Contents:
 def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
     if kind is Kind.EXCEL:
         return is_calibration_workbook(Source(file.name, file.read_bytes(), file))
+    if kind in (Kind.MATLAB, Kind.HDF5, Kind.OTHER) and file.stat().st_size < _LARGEST_CALIBRATION:
+        source = Source(file.name, file.read_bytes(), file)
+        return recognises_mat(source) and is_calibration_mat(source)
+    if kind is Kind.CSV and recognises_script(head):
+        return True
     return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head))
 
 
