@@ -28,7 +28,7 @@ def test_the_public_names_are_pinned():
         "read_several",
         "write",
     ]
-    assert endings() == (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".mat", ".m")
+    assert endings() == (".json", ".csv", ".cdfx", ".dcm", ".msq", ".xlsx", ".mat", ".m")
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".mat", ".m", ".DCM"])

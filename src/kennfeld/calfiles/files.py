@@ -21,6 +21,8 @@ from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
 from kennfeld.calfiles.mat_file import read_mat, recognises_mat
 from kennfeld.calfiles.matlab_script import read_script, recognises_script
 from kennfeld.calfiles.matlab_writer import write_mat, write_script
+from kennfeld.calfiles.msq import read_msq, recognises_msq
+from kennfeld.calfiles.msq_update import write_msq
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 from kennfeld.whole_files import write_whole
@@ -32,6 +34,7 @@ _FORMATS = (
     Format("CVX (INCA's CSV)", (".csv",), in_text(recognises_cvx), read_cvx, written(write_cvx)),
     Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
     Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
+    Format("MSQ (TunerStudio)", (".msq",), in_text(recognises_msq), read_msq, write_msq),
     Format("Excel", (".xlsx",), looks_like_a_workbook, read_excel, write_excel),
     Format("MATLAB data", (".mat",), recognises_mat, read_mat, write_mat),
     Format("MATLAB script", (".m",), in_text(recognises_script), read_script, written(write_script)),

@@ -14,6 +14,7 @@ from kennfeld.calfiles.excel_book import is_calibration_workbook
 from kennfeld.calfiles.format import Source
 from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
 from kennfeld.calfiles.matlab_script import recognises_script
+from kennfeld.calfiles.msq import recognises_msq
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
@@ -86,7 +87,7 @@ def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
     if kind in (Kind.MATLAB, Kind.HDF5, Kind.OTHER) and file.stat().st_size < _LARGEST_CALIBRATION:
         source = Source(file.name, file.read_bytes(), file)
         return recognises_mat(source) and is_calibration_mat(source)
-    if kind is Kind.CSV and recognises_script(head):
+    if recognises_msq(head) or (kind is Kind.CSV and recognises_script(head)):
         return True
     return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head))
 
