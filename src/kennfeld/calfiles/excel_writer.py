@@ -319,5 +319,6 @@ def _faults(member: Parameter, groups: dict[str, Axis]) -> Iterator[str]:
     if sizes[0] >= _MOST_COLUMNS - len(AXES_HEADING) or rows >= _MOST_ROWS:
         yield f"a sheet of Excel cannot hold its {_size(member)} values"
     for axis in member.axes:
-        if axis.name and not np.array_equal(groups[axis.name].breakpoints, axis.breakpoints):
+        known = groups.get(axis.name)
+        if axis.name and (known is None or not np.array_equal(known.breakpoints, axis.breakpoints)):
             yield f"the variant {member.variant!r} has other breakpoints for the group axis {axis.name}"
