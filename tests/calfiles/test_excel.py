@@ -252,3 +252,12 @@ def test_tables_with_a_group_axis_follow_its_sheet(tmp_path):
         sheet = archive.read("xl/worksheets/sheet5.xml").decode()
     assert "<f>Axes!D2</f><v>700.0</v>" in sheet
     assert "colorScale" in sheet
+
+
+def test_the_same_set_gives_the_same_bytes(tmp_path, monkeypatch):
+    write(SET, tmp_path / "a.xlsx")
+    before = (tmp_path / "a.xlsx").read_bytes()
+    monkeypatch.setattr("time.time", lambda: 1e9)
+    monkeypatch.setattr("time.asctime", lambda *_: "never")
+    write(SET, tmp_path / "a.xlsx")
+    assert (tmp_path / "a.xlsx").read_bytes() == before

@@ -242,3 +242,12 @@ def test_a_stream_is_the_same_as_a_file():
     stream = BytesIO()
     savemat(stream, {"K": 1.0})
     assert recognises_mat(Source("a", stream.getvalue()))
+
+
+def test_the_same_set_gives_the_same_bytes(tmp_path, monkeypatch):
+    write(SET, tmp_path / "a.mat")
+    before = (tmp_path / "a.mat").read_bytes()
+    monkeypatch.setattr("time.time", lambda: 1e9)
+    monkeypatch.setattr("time.asctime", lambda *_: "never")
+    write(SET, tmp_path / "a.mat")
+    assert (tmp_path / "a.mat").read_bytes() == before

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from io import BytesIO
 from itertools import product
 from typing import Any
@@ -33,6 +34,7 @@ Thing = Parameter | Text
 _MOST_ROWS, _MOST_COLUMNS, _LONGEST_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
 _MOST_LINKS = 60_000
 _UNFIT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff\ufffe\uffff]|\A<r>(?=.*</r>\Z)", re.DOTALL)
+_NO_DATE = datetime(2000, 1, 1)  # the same set gives the same bytes
 _COLOURS = {"min_color": "#63BE7B", "mid_color": "#FFEB84", "max_color": "#F8696B"}
 
 
@@ -48,6 +50,7 @@ def write_excel(parameters: ParameterSet, file: str) -> Written:
     stream = BytesIO()
     options = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
     with xlsxwriter.Workbook(stream, options) as book:
+        book.set_properties({"created": _NO_DATE})
         _Writer(book, parameters).write()
     return Written(stream.getvalue())
 

@@ -18,6 +18,7 @@ __all__ = ["write_mat", "write_script"]
 _HEAD = f"""{TITLE}
 % A number or a matrix is a parameter. A struct with x, y and values is a curve or a map: values have a row for each x.
 """
+_MAT_TITLE = b"MATLAB 5.0 MAT-file, written by Kennfeld".ljust(116)
 _UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
@@ -132,7 +133,8 @@ def write_mat(parameters: ParameterSet, file: str) -> Written:
     stream = BytesIO()
     variables = {name: _plain(value) for name, value in variables_of(parameters)}
     savemat(stream, variables, long_field_names=True, do_compression=True, oned_as="row")
-    return Written(stream.getvalue())
+    # The text at its beginning states a date; the same set shall give the same bytes.
+    return Written(_MAT_TITLE + stream.getvalue()[len(_MAT_TITLE) :])
 
 
 def _plain(value: Value) -> Any:
