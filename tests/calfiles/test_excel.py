@@ -149,6 +149,7 @@ def test_a_row_added_to_the_scalars_is_a_parameter(book):
             "cell B3 holds 'mop', which is no kind of parameter. Did you mean map?",
         ),
         (("Parameters", "A3"), "Kp", "Sheet Parameters cell A3 names Kp a second time"),
+        (("Parameters", "I4"), "MapX", "names the sheet 'MapX', as Sheet Parameters cell A3 does"),
         (("Parameters", "I3"), "MapY", "which this workbook does not have. Did you mean MapX?"),
         (("Cube", "B15"), 6, "Sheet Cube cell B15 gives a page that was there before"),
         (("Cube", "B16"), 9, "Sheet Cube cell B16 holds 9, Sheet Cube cell B10 holds 1"),

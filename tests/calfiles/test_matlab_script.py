@@ -92,6 +92,7 @@ def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
     [
         ("M.x = [1 1];\nM.values = [2 3];\n", "start.m line 1 (M): M.x does not increase: breakpoint 2 is 1 after 1"),
         ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, its axes ask for 3 x 2"),
+        ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y holds no numbers"),
         ("M.x = 'a';\nM.values = [2 3];\n", "M.x holds no numbers. Assign numbers in brackets."),
         ("K = 1;\nM = [1 2\n3 4;\n", "start.m line 2: opens a bracket that is never closed"),
         (
@@ -145,9 +146,18 @@ def test_other_texts_are_no_scripts(text):
     assert not recognises_script(text)
 
 
-@pytest.mark.parametrize(
-    "hostile", ["K=" + "(" * 100_000, "K = " + "-" * 100_000 + "1;", "K = zeros(1e9);", "K = 0:1e-9:1;"]
-)
+HOSTILE = [
+    "K=" + "(" * 100_000,
+    "K = " + "-" * 100_000 + "1;",
+    "K = zeros(1e9);",
+    "K = 0:1e-9:1;",
+    "x = [\n" * 50_000 + "]",
+]
+HOSTILE += ["A = [1 1];" + "A = [A A];" * 60, "S.a = 1;" + "S.a = S; S.b = S;" * 60, "S.a = 1;" + "S.a = S;" * 2000]
+HOSTILE += ["K" + ".a" * 99_999 + "=1;", "\n".join(f"A{i} = zeros(3000);" for i in range(1000))]
+
+
+@pytest.mark.parametrize("hostile", HOSTILE, ids=range(len(HOSTILE)))
 def test_hostile_scripts_end(script, hostile):
     with pytest.raises(InputError):
         read(script(f"% Kennfeld calibration\nM.x = 2;\n{hostile}\nM.values = 'a';"))

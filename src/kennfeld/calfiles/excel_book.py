@@ -23,8 +23,8 @@ __all__ = [
 ]
 
 _ZIP = b"PK\x03\x04"
-_MOST_BYTES = 400_000_000  # unpacked, of all parts that are read
-_MOST_CELLS = 20_000_000  # of the rectangle of a sheet
+_MOST_BYTES = 200_000_000  # unpacked, of all parts that are read
+_MOST_CELLS = 5_000_000  # of the rectangle of a sheet
 _MOST_PARTS = 100_000
 _NEEDED = re.compile(
     r"\[Content_Types\]\.xml|_rels/\.rels|xl/(workbook|sharedStrings|styles)\.xml|xl/_rels/.*|xl/worksheets/[^/]*\.xml",
@@ -190,7 +190,10 @@ def _check_extent(source: Source, part: str, raw: bytes) -> None:
     """Refuse a sheet whose rectangle would not fit: one stray cell in the last row and column is enough for that."""
     width = height = 0
     columns: dict[bytes, int] = {}
-    for letters, row in _CELL.findall(raw):
+    if raw.count(b"<c ") > _MOST_CELLS:
+        raise InputError.of(source.name, f"{part} has more than {_MOST_CELLS} cells", "Delete what is no table.")
+    for found in _CELL.finditer(raw):
+        letters, row = found[1], found[2]
         if letters not in columns:
             columns[letters] = _position(letters)
             width = max(width, columns[letters])

@@ -102,6 +102,7 @@ class _Reader:
     things: dict[Key, Thing] = field(default_factory=dict)
     groups: dict[str, tuple[Sheet, AxisCells]] = field(default_factory=dict)
     broken: set[str] = field(default_factory=set)  # group axes with a finding of their own
+    users: dict[str, str] = field(default_factory=dict)  # the parameter whose table is on a sheet
 
     def read(self, index: list[_Row]) -> None:
         """Everything that the index names, in its order, then the single values that were added."""
@@ -165,6 +166,9 @@ class _Reader:
         elif sheet not in self.book.names:
             what = f"{row.place('sheet')} names the sheet {sheet!r}, which this workbook does not have"
             self._wrong(what, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
+        elif self.users.setdefault(sheet, row.place("name")) != row.place("name"):
+            what = f"{row.place('sheet')} names the sheet {sheet!r}, as {self.users[sheet]} does"
+            self._wrong(what, "Each table has a sheet of its own.")
         else:
             self._hold(row.key, self._table(row, kind, self.book.sheet(sheet)))
 

@@ -225,14 +225,14 @@ def _cube(sheet: Sheet, pages: list[_Page], notes: Notes) -> Grid | None:
         for page in pages:
             found.setdefault(page.further[direction], page.further_cells[direction])
         axes.append(AxisCells(list(found), list(found.values())))
-    places = list(product(*(axis.points for axis in axes[len(axes) - len(first.further) :])))
-    missing = [place for place in places if place not in known]
-    if missing:
-        said = ", ".join(f"{letter} = {point:.15g}" for letter, point in zip(LETTERS[2:], missing[0], strict=False))
+    beyond = [axis.points for axis in axes[len(axes) - len(first.further) :]]
+    missing = next((place for place in product(*beyond) if place not in known), None)
+    if missing is not None:
+        said = ", ".join(f"{letter} = {point:.15g}" for letter, point in zip(LETTERS[2:], missing, strict=False))
         notes.error(0, "", f"Sheet {sheet.name} has no page for {said}", "Add it.")
         return None
-    sizes = [len(axis.points) for axis in axes[len(axes) - len(first.further) :]]
-    values = np.stack([known[place].values for place in places], axis=-1).reshape(*first.values.shape, *sizes)
+    pages_in_order = [known[place].values for place in product(*beyond)]
+    values = np.stack(pages_in_order, axis=-1).reshape(*first.values.shape, *map(len, beyond))
     return Grid(values if first.y else values[:, 0], axes)
 
 

@@ -108,11 +108,11 @@ def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple
 
 
 def write(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
-    """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
+    """Write a calibration file; the ending (.dcm, .cdfx, .json, .xlsx, .csv for INCA's CVX, ...) chooses the format.
 
-    The file is complete or untouched. A set that was read from a DCM file and is written as one gives the same file
-    with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an unknown
-    ending and `InputError` naming each parameter that the format cannot hold.
+    The file is complete or untouched. A set that was read from a DCM file or a tune and is written as one gives the
+    same file with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an
+    unknown ending and `InputError` naming each parameter that the format cannot hold.
     """
     target = Path(path)
     made = _format_for(target).write(parameters, target.name)

@@ -24,7 +24,8 @@ __all__ = ["is_calibration_mat", "read_mat", "recognises_mat"]
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
 _HEADER = 128
-_MOST_BYTES = 400_000_000  # unpacked
+_MOST_BYTES = 200_000_000  # unpacked
+_MOST_VALUES = 20_000_000
 _MOST_DEPTH = 40
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _ENCODINGS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
@@ -103,6 +104,7 @@ class _Reader:
         self.order = "<" if mark == b"IM" else ">"
         self.raw = raw
         self.left = _MOST_BYTES
+        self.values_left = _MOST_VALUES
 
     def variables(self) -> dict[str, Value]:
         found: dict[str, Value] = {}
@@ -209,6 +211,9 @@ class _Reader:
 
     def _numbers(self, shape: tuple[int, ...], part: _Element) -> Float:
         numbers = self._values(part)
+        self.values_left -= len(numbers)
+        if self.values_left < 0:
+            raise DamagedError(f"it holds more than {_MOST_VALUES} values, which no calibration has")
         if len(numbers) != prod(shape):
             raise DamagedError(f"an array of size {shape[:8]} has {len(numbers)} numbers")
         array: Float = numbers.astype(np.float64).reshape(shape, order="F")

@@ -235,6 +235,8 @@ def _joined(rows: list[list[Value]]) -> Value:
         if len(rows) > 1:
             raise BadSyntaxError
         return "".join(str(value) for value in rows[0])
+    if sum(_array(value).size for row in rows for value in row) > _MOST:
+        raise BadSyntaxError
     try:
         made = [np.hstack([_array(value) for value in row]) for row in rows]
         filled = [row for row in made if row.size] or made

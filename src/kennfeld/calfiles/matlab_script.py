@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.calfiles.matlab_expressions import value_of
 from kennfeld.calfiles.matlab_tokens import BadSyntaxError, Statement, Token, statements
@@ -19,6 +21,9 @@ _BLOCKS = frozenset({"if", "for", "while", "switch", "try", "parfor", "spmd", "c
 _COMMENT = re.compile(r"(?:\[([^\[\]]*)\])?[ \t]*(.*)", re.DOTALL)
 _VALUES = frozenset({"value", "values", "data"})
 _MOST_INDEX = 1000
+_MOST_DEPTH = 50
+_FIELD = 100  # values that take the memory of one field
+_MOST_VALUES = 20_000_000  # that a script assigns
 _HEAD_LINES = 400
 _EXCERPT = 60
 _LONGEST_LINE = 500  # characters of a command that is no assignment
@@ -67,6 +72,7 @@ class _Script:
     axis_units: dict[tuple[str, str], str] = field(default_factory=dict)
     depth: int = 0  # of blocks that are left aside
     in_function: bool = False
+    left: int = _MOST_VALUES
 
     def take(self, statement: Statement) -> bool:
         """Follow one statement; False where the rest of the text is none of the script."""
@@ -90,13 +96,18 @@ class _Script:
             self._forget(statement.tokens)
         else:
             self._assign(statement)
-        return True
+        return self.left >= 0
 
     def _assign(self, statement: Statement) -> None:
         tokens = statement.tokens
         try:
             path, rest = _target(tokens)
             value = value_of(rest, self._lookup)
+            self.left -= _size(value, 0)
+            if self.left < 0:
+                what = f"assigns more than {_MOST_VALUES} values up to here, which no calibration has"
+                self.notes.error(statement.line, "", what)
+                return
             self._set(path, value)
         except BadSyntaxError:
             named = _NAME.match(statement.text)
@@ -202,6 +213,17 @@ def _element(holder: dict[str, Value], key: str, index: int, whole: bool) -> tup
     if not isinstance(element, Struct):
         raise BadSyntaxError
     return {"": element}, ""
+
+
+def _size(value: Value, depth: int) -> int:
+    """How many values an assignment copies; a struct that holds itself over and over would double each time."""
+    if depth > _MOST_DEPTH:
+        raise BadSyntaxError
+    if isinstance(value, Struct):
+        return _FIELD + sum(_size(inner, depth + 1) for inner in value.fields.values())
+    if isinstance(value, list):
+        return _FIELD + sum(_size(inner, depth + 1) for inner in value)
+    return _FIELD + (value.size if isinstance(value, np.ndarray) else 0)
 
 
 def _copied(value: Value) -> Value:

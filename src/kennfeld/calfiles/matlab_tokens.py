@@ -20,13 +20,12 @@ _TOKEN = re.compile(
 _QUOTED = re.compile(r"'(?:[^'\n]|'')*'")
 _BLANKS = re.compile(r"[ \t\f\v]+")
 _CONTINUED = re.compile(r"\.\.\.[^\n]*\n")
-_PLAIN_MATRIX = re.compile(r"[0-9eE+\-.,;\sNaInf]*")
+_PLAIN_MATRIX = re.compile(r"\[([0-9eE+\-.,;\sNaInf]*)\]")
 _BLOCK_COMMENT = re.compile(r"[ \t]*[%#]\{[ \t]*")
 _BLOCK_END = re.compile(r"[ \t]*[%#]\}[ \t]*")
 _COMMENTS = "%#"  # of MATLAB, of Octave
 _OPENING, _CLOSING = "([{", ")]}"
 _MOST_DEPTH = 50
-_LONGEST_MATRIX = 200_000_000  # characters
 
 
 class BadSyntaxError(Exception):
@@ -199,12 +198,10 @@ class _Lexer:
 
     def _matrix(self) -> Float | None:
         """Numbers alone between brackets, read at once; None where there is more to them."""
-        end = self.text.find("]", self.at, self.at + _LONGEST_MATRIX)
-        inner = self.text[self.at + 1 : end] if end > 0 else "("
-        if "..." in inner:
-            inner = _CONTINUED.sub(" ", inner)
-        if not _PLAIN_MATRIX.fullmatch(inner):
+        found = _PLAIN_MATRIX.match(self.text, self.at)
+        if found is None:
             return None
+        inner = _CONTINUED.sub(" ", found[1]) if "..." in found[1] else found[1]
         rows = [row.replace(",", " ").split() for row in inner.replace("\n", ";").split(";")]
         try:
             numbers = [list(map(float, row)) for row in rows if row]
@@ -212,5 +209,5 @@ class _Lexer:
             return None
         if any(len(row) != len(numbers[0]) for row in numbers):
             return None
-        self._step(end + 1)
+        self._step(found.end())
         return np.array(numbers, dtype=np.float64).reshape(len(numbers), -1) if numbers else np.zeros((0, 0))

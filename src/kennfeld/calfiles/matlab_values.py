@@ -207,7 +207,8 @@ class _Reader:
         values, points = _parts(struct)
         self._note_unknown(struct)
         if values is None or any(axis is None for axis in points):
-            wrong = "values" if values is None else _LETTERS[points.index(None)]
+            broken = next((letter for letter, axis in zip(_LETTERS, points, strict=False) if axis is None), "")
+            wrong = "values" if values is None else broken
             self.notes.error(line, name, f"{name}.{wrong} holds no numbers", "Assign numbers in brackets.")
         elif not points:
             self._sized(name, values, struct, labels, line)
