@@ -17,7 +17,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx_instances import Instance, instances
 from kennfeld.calfiles.cdfx_values import Values, array_size, values_of
 from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.calfiles.xml_tree import Element, parsed
+from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
 
 __all__ = ["read_cdfx", "recognises_cdfx"]
@@ -43,7 +43,11 @@ def read_cdfx(source: Source) -> Content:
     Raises `InputError` with every finding; text tables, axes that cannot be resolved and histories are left aside
     with a remark. Entities are refused.
     """
-    notes = Notes(source.name)
+    with collection_paused():
+        return _read(source, Notes(source.name))
+
+
+def _read(source: Source, notes: Notes) -> Content:
     root = parsed(source.raw, notes, "V")
     if root is None:
         notes.settle()

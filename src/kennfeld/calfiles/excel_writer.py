@@ -1,6 +1,7 @@
 """Parameters as an Excel workbook with one sheet a table, for people who calibrate in Excel."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from io import BytesIO
@@ -65,7 +66,6 @@ class _Writer:
         self.axis_rows = {axis.name: row for row, axis in enumerate(parameters.axes, 1)}
         self.sheet_type = _exact_sheet()
         self.bold = book.add_format({"bold": True})
-        self.title = book.add_format({"bold": True, "font_size": 14})
         self.head = book.add_format({"bold": True, "bg_color": "#D9D9D9", "bottom": 1})
         self.axis = book.add_format({"bold": True, "bg_color": "#DDEBF7", "border": 1, "border_color": "#BFBFBF"})
         self.group = book.add_format({"italic": True, "bg_color": "#E2EFDA", "border": 1, "border_color": "#BFBFBF"})
@@ -288,11 +288,8 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
 
 def _refuse_twice(parameters: ParameterSet, notes: Notes) -> None:
     """A number and a text of one name could not be told apart in the index."""
-    seen = set(parameters)
-    for name in [text.name for text in parameters.texts]:
-        if name not in seen:
-            seen.add(name)
-            continue
+    names = Counter([*parameters, *(text.name for text in parameters.texts)])
+    for name in (name for name, count in names.items() if count > 1):
         notes.error(0, name, "is given twice", "Rename one of the two.")
 
 

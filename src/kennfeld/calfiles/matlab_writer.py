@@ -10,7 +10,8 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Notes, Written
 from kennfeld.calfiles.matlab_script import TITLE, comment_of
-from kennfeld.calfiles.matlab_values import INFO, Struct, Value, variables_of
+from kennfeld.calfiles.matlab_values import INFO, Struct, Value
+from kennfeld.calfiles.matlab_variables import variables_of
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["write_mat", "write_script"]

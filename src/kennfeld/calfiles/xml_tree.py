@@ -1,13 +1,15 @@
 """XML as a plain tree that knows its lines; what a calibration file has no need of is refused, not expanded."""
 
+import gc
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from xml.parsers import expat
 
 from kennfeld.calfiles.format import Notes
 
-__all__ = ["PARTED", "Element", "parsed"]
+__all__ = ["PARTED", "Element", "collection_paused", "parsed"]
 
 PARTED = "\x1f"  # parts the texts of equal elements that were joined; no XML can hold it
 
@@ -67,6 +69,18 @@ def parsed(raw: bytes, notes: Notes, joined: str = "") -> Element | None:
     return builder.root
 
 
+@contextmanager
+def collection_paused() -> Iterator[None]:
+    """While a large tree grows, which has no cycles, Python does not search it for unused objects again and again."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
 def _joined(raw: bytes, tag: bytes) -> tuple[bytes, str]:
     """A document in which `<V>1</V><V>2</V>` is `<V>1|2</V>`, and the character that parts the texts there.
 
@@ -77,12 +91,14 @@ def _joined(raw: bytes, tag: bytes) -> tuple[bytes, str]:
     separator = next((one for one in _SEPARATORS if one not in raw), None)
     if separator is None or b"<![CDATA[" in raw or raw.count(b"\0", 0, 100):
         return raw, ""
-    gaps = set(re.findall(ends + rb"(\s*)" + begins, raw))
-    if len(gaps) > _MOST_GAPS:
-        return raw, ""
-    for gap in gaps:
-        raw = raw.replace(ends + gap + begins, separator + gap)
-    return raw, separator.decode("ascii")
+    gap = re.compile(re.escape(ends) + rb"(\s*)" + re.escape(begins))
+    made = raw
+    for _ in range(_MOST_GAPS):
+        found = gap.search(made)
+        if found is None:
+            return made, separator.decode("ascii")
+        made = made.replace(found[0], separator + found[1])
+    return raw, ""
 
 
 class _RefusedError(Exception):
