@@ -1,5 +1,6 @@
 """Calibration workbooks: what a person does to them in Excel is read, or named with its cell."""
 
+import re
 import zipfile
 from io import BytesIO
 
@@ -199,10 +200,20 @@ def test_an_archive_that_lies_about_its_sizes_is_refused(book):
     assert "the workbook cannot be read" in refused(path)
 
 
-def test_a_stray_cell_in_the_last_corner_is_refused(book):
-    cell = b'<c r="XFD1048576"><v>1</v></c></row></sheetData>'
-    path = repacked(book(), lambda name, raw: raw.replace(b"</row></sheetData>", cell) if "sheet5" in name else raw)
-    assert "spans 1048576 rows and 16384 columns" in refused(path)
+@pytest.mark.parametrize(
+    "cell",
+    [
+        '<c r="XFD1048576"><v>1</v></c>',
+        '<c s="1"r="XFD1048576"><v>1</v></c>',
+        "<c r = 'xfd1048576'><v>1</v></c>",
+        '</row><row r="1048576">' + "<c><v>1</v></c>" * 9000,
+        '</row><row r="1048576"><c r="XFD1"/><c><v>1</v></c>',
+    ],
+)
+def test_a_stray_cell_in_the_last_corner_is_refused(book, cell):
+    end = f"{cell}</row></sheetData>".encode()
+    path = repacked(book(), lambda name, raw: raw.replace(b"</row></sheetData>", end) if "sheet5" in name else raw)
+    assert re.search(r"spans up to 10\d{5} rows and \d+ columns\. Delete the stray cells", refused(path))
 
 
 def test_entities_are_not_expanded(book, tmp_path):
@@ -262,3 +273,17 @@ def test_the_same_set_gives_the_same_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr("time.asctime", lambda *_: "never")
     write(SET, tmp_path / "a.xlsx")
     assert (tmp_path / "a.xlsx").read_bytes() == before
+
+
+def test_a_panic_of_the_library_is_damage(book, monkeypatch):
+    class PanicException(BaseException):
+        """As the library names it."""
+
+    class Broken:
+        @staticmethod
+        def from_filelike(_):
+            raise PanicException("index out of bounds")
+
+    path = book()
+    monkeypatch.setattr("python_calamine.CalamineWorkbook", Broken)
+    assert "the workbook cannot be read (index out of bounds)" in refused(path)

@@ -3,6 +3,7 @@
 import re
 import zipfile
 import zlib
+from collections import Counter
 from dataclasses import dataclass
 from datetime import date, time, timedelta
 from io import BytesIO
@@ -31,7 +32,9 @@ _NEEDED = re.compile(
     re.IGNORECASE,
 )
 _SHEET = re.compile(r"xl/worksheets/[^/]*\.xml", re.IGNORECASE)
-_CELL = re.compile(rb'\sr="([A-Z]{1,4})([0-9]{1,8})"')
+_PLACE = re.compile(rb"""\br\s*=\s*["']\s*([A-Za-z]*)([0-9]+)""")  # of a cell, or of a row
+_ELEMENT = re.compile(rb"<(?:\w+:)?(c|row)[\s/>]")
+_MOST_DIGITS = 9
 _SHEET_NAME = re.compile(rb'<(?:\w+:)?sheet\s[^>]*?name="([^"]*)"')
 _OPEN_ANEW = "Open it in Excel and save it anew."
 
@@ -97,6 +100,8 @@ class Workbook:
             return Sheet(name, [])  # a chart
         except _damage() as error:
             raise _damaged(self._source, error) from None
+        except BaseException as error:
+            raise _told(self._source, error) from None
 
 
 def looks_like_a_workbook(source: Source) -> bool:
@@ -150,6 +155,8 @@ def opened(source: Source) -> Workbook:
         raise InputError.of(source.name, "the workbook is protected by a password", "Save it without one.") from None
     except _damage() as error:
         raise _damaged(source, error) from None
+    except BaseException as error:
+        raise _told(source, error) from None
 
 
 def _repacked(source: Source) -> BytesIO:
@@ -188,18 +195,26 @@ def _unpacked(archive: zipfile.ZipFile, part: zipfile.ZipInfo, most: int) -> Any
 
 def _check_extent(source: Source, part: str, raw: bytes) -> None:
     """Refuse a sheet whose rectangle would not fit: one stray cell in the last row and column is enough for that."""
-    width = height = 0
+    if b"\0" in raw:
+        raise InputError.of(source.name, f"{part} is encoded in a way that Excel does not write", _OPEN_ANEW)
+    width = height = places = 0
     columns: dict[bytes, int] = {}
-    if raw.count(b"<c ") > _MOST_CELLS:
-        raise InputError.of(source.name, f"{part} has more than {_MOST_CELLS} cells", "Delete what is no table.")
-    for found in _CELL.finditer(raw):
+    for found in _PLACE.finditer(raw):
         letters, row = found[1], found[2]
         if letters not in columns:
-            columns[letters] = _position(letters)
+            columns[letters] = _position(letters.upper()[:_MOST_DIGITS])
             width = max(width, columns[letters])
-        height = max(height, int(row))
+        places += bool(letters)
+        height = max(height, int(row[:_MOST_DIGITS]))
+    # What states no place of its own follows what was before it.
+    kinds = Counter(found[1] for found in _ELEMENT.finditer(raw))
+    if kinds[b"c"] > places:
+        width += kinds[b"c"] - places
+    height += kinds[b"row"]
+    if kinds[b"c"] > _MOST_CELLS:
+        raise InputError.of(source.name, f"{part} has more than {_MOST_CELLS} cells", "Delete what is no table.")
     if width * height > _MOST_CELLS:
-        what = f"{part} spans {height} rows and {width} columns"
+        what = f"{part} spans up to {height} rows and {width} columns"
         raise InputError.of(source.name, what, "Delete the stray cells far from the table.")
 
 
@@ -215,6 +230,11 @@ def _damage() -> tuple[type[BaseException], ...]:
 
     unpacking = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
     return (python_calamine.CalamineError, OSError, ValueError, OverflowError, *unpacking)
+
+
+def _told(source: Source, error: BaseException) -> BaseException:
+    """A panic within the library, which is no `Exception`, as damage; anything else as it is."""
+    return _damaged(source, error) if type(error).__name__ == "PanicException" else error
 
 
 def _damaged(source: Source, error: BaseException) -> InputError:
