@@ -421,7 +421,8 @@ def convert(
 ) -> int:
     """Turn a calibration file into another format.
 
-    The formats are .dcm, .csv (INCA's CVX), .cdfx and .json.
+    The formats are .dcm, .csv (INCA's CVX), .cdfx, .json, .xlsx (a sheet for each table), .m and
+    .mat (MATLAB), and .msq (into the tune that was read).
     """
     from kennfeld import calfiles
 

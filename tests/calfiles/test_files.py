@@ -30,10 +30,10 @@ def test_the_public_names_are_pinned():
         "read_several",
         "write",
     ]
-    assert endings()[:4] == (".json", ".csv", ".cdfx", ".dcm")
+    assert set(endings()) >= {".json", ".csv", ".cdfx", ".dcm", ".msq", ".xlsx", ".mat", ".m", ".hex", ".s19"}
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".DCM"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".mat", ".m", ".DCM"])
 def test_the_content_tells_the_format_when_reading(tmp_path, ending):
     write(ONE, tmp_path / f"a{ending}")
     (tmp_path / f"a{ending}").rename(tmp_path / "renamed.txt")

@@ -27,7 +27,7 @@ def test_every_file_is_read(shared_data, file):
 
 
 @pytest.mark.parametrize("file", FILES)
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 def test_every_file_is_read_back_from_every_format(shared_data, tmp_path, file, ending):
     parameters = read(shared_data / file)
     write(parameters, tmp_path / f"a{ending}")
@@ -48,7 +48,7 @@ def test_the_demo_of_inca_is_the_same_in_dcm_and_cvx(shared_data):
 
 
 @pytest.mark.parametrize("first", ["dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"])
-@pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 @pytest.mark.parametrize("back", [".dcm", ".csv", ".cdfx"])
 def test_the_demo_of_inca_comes_through_every_format_without_loss(shared_data, tmp_path, first, through, back):
     write(read(shared_data / first), tmp_path / f"a{through}")

@@ -193,3 +193,27 @@ def test_a_project_tells_its_surrogates(written):
 def test_a_cdfx_file_is_a_calibration(tmp_path):
     kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3])]).save(tmp_path / "p.cdfx")
     assert contents(tmp_path / "p.cdfx").summary.startswith("p.cdfx: calibration (CDFX")
+
+
+@pytest.mark.parametrize(
+    ("ending", "kind"),
+    [(".xlsx", "Excel"), (".m", "MATLAB script"), (".mat", "MATLAB 5"), (".csv", "CVX 2.1"), (".json", "JSON")],
+)
+def test_a_calibration_of_any_format_is_told_from_a_measurement(tmp_path, ending, kind):
+    kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3]), kf.Scalar("K", 1.0)]).save(tmp_path / f"p{ending}")
+    assert contents(tmp_path / f"p{ending}").summary.startswith(f"p{ending}: calibration ({kind}), 2 parameters")
+
+
+def test_a_tune_is_a_calibration(written):
+    tune = '<?xml version="1.0"?>\n<msq><versionInfo signature="x"/><page><constant name="K">1</constant></page></msq>'
+    assert contents(written("t.msq", tune)).summary == "t.msq: calibration (MSQ tune of x), 1 parameters, 1 values"
+
+
+def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "bench.xlsx") as book:
+        sheet = book.add_worksheet("Parameters")
+        for row, line in enumerate([("time", "n"), ("s", "rpm"), (0, 700), (1, 800)]):
+            sheet.write_row(row, 0, line)
+    assert contents(tmp_path / "bench.xlsx").summary.startswith("bench.xlsx: measurement (Excel)")

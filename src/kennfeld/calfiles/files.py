@@ -15,9 +15,17 @@ from kennfeld.calfiles.cvx_writer import write_cvx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
 from kennfeld.calfiles.dcm_reader import read_dcm
 from kennfeld.calfiles.dcm_update import write_dcm
+from kennfeld.calfiles.excel_book import looks_like_a_workbook
+from kennfeld.calfiles.excel_reader import read_excel
+from kennfeld.calfiles.excel_writer import write_excel
 from kennfeld.calfiles.flash import IMAGE_ENDINGS, read_flash, recognises_a2l, recognises_flash, write_flash
 from kennfeld.calfiles.format import Content, Format, Source, in_text, written
 from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
+from kennfeld.calfiles.mat_file import read_mat, recognises_mat
+from kennfeld.calfiles.matlab_script import read_script, recognises_script
+from kennfeld.calfiles.matlab_writer import write_mat, write_script
+from kennfeld.calfiles.msq import read_msq, recognises_msq
+from kennfeld.calfiles.msq_update import write_msq
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 from kennfeld.whole_files import write_whole
@@ -30,6 +38,10 @@ _FORMATS = (
     Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
     Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
     Format("Intel HEX or S-records with an A2L file", IMAGE_ENDINGS, recognises_flash, read_flash, write_flash),
+    Format("MSQ (TunerStudio)", (".msq",), in_text(recognises_msq), read_msq, write_msq),
+    Format("Excel", (".xlsx",), looks_like_a_workbook, read_excel, write_excel),
+    Format("MATLAB data", (".mat",), recognises_mat, read_mat, write_mat),
+    Format("MATLAB script", (".m",), in_text(recognises_script), read_script, written(write_script)),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (
@@ -103,11 +115,11 @@ def read_several(
 def write(
     parameters: ParameterSet, path: str | Path, image: str | Path | None = None, a2l: str | Path | None = None
 ) -> tuple[Finding, ...]:
-    """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
+    """Write a calibration file; the ending (.dcm, .cdfx, .json, .xlsx, .csv for INCA's CVX, ...) chooses the format.
 
-    The file is complete or untouched. A set that was read from a DCM file and is written as one gives the same file
-    with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an unknown
-    ending and `InputError` naming each parameter that the format cannot hold.
+    The file is complete or untouched. A set that was read from a DCM file or a tune and is written as one gives the
+    same file with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an
+    unknown ending and `InputError` naming each parameter that the format cannot hold.
 
     An image (.hex, .s19, ...) is written over the one that the set was read from, or over `image`, which `a2l`
     describes; values are rounded to what the control unit can store.

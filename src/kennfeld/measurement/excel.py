@@ -23,9 +23,9 @@ _HEAD_ROWS = 200
 _CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
 _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)")
 _BINARY = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
-_FAR = re.compile(rb'<c r="([A-Z]{2,})[0-9]')
-_ROW = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{1,30})"')
-_ROW_FAR = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{7,30})"')
+_FAR = re.compile(rb'\sr="([A-Z]{2,})[0-9]')
+_ROW = re.compile(rb'\sr="[A-Z]{1,3}([0-9]{1,30})"')
+_ROW_FAR = re.compile(rb'\sr="[A-Z]{1,3}([0-9]{7,30})"')
 
 
 def read_tables(source: Source, selection: Selection) -> list[Table]:
@@ -74,7 +74,7 @@ def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int
     width = height = 1
     for text in _chunks(archive, member):
         width = max([width, *(_position(letters) for letters in set(_FAR.findall(text)))])
-        last = text.rfind(b'<c r="')
+        last = text.rfind(b' r="')
         rows = set(_ROW_FAR.findall(text)) | set(_ROW.findall(text, max(last, 0)))
         height = max([height, *map(int, rows)])
     width = max(width, 26)

@@ -10,8 +10,12 @@ from typing import Any
 from kennfeld import calfiles, measurement
 from kennfeld.calfiles.cdfx import recognises_cdfx
 from kennfeld.calfiles.dcm_lines import recognises_dcm
+from kennfeld.calfiles.excel_book import is_calibration_workbook
 from kennfeld.calfiles.flash import recognises_a2l, recognises_flash
 from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
+from kennfeld.calfiles.matlab_script import recognises_script
+from kennfeld.calfiles.msq import recognises_msq
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
@@ -37,6 +41,7 @@ _LINE_OF_FORMULA = re.compile(
 )
 _CALIBRATIONS = (Kind.DCM, Kind.CVX, Kind.JSON)
 _HEAD = 65536
+_LARGEST_CALIBRATION = 100_000_000  # bytes of a data file of MATLAB that is looked into
 
 
 @dataclass(frozen=True)
@@ -75,12 +80,23 @@ def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
         return _calibration(calfiles.describe(file, a2l))
     if recognises_a2l(head):
         return _a2l(calfiles.describe_a2l(file))
-    if kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head)):
+    if _is_calibration(file, kind, head):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
         text, beside = formulas.text_of(file), formulas.surrogates_beside(file)
         return _formula(file, formulas.formula(text, file.name, surrogates=beside))
     return _measurement(measurement.describe(path))
+
+
+def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
+    if kind is Kind.EXCEL:
+        return is_calibration_workbook(Source(file.name, file.read_bytes(), file))
+    if kind in (Kind.MATLAB, Kind.HDF5, Kind.OTHER) and file.stat().st_size < _LARGEST_CALIBRATION:
+        source = Source(file.name, file.read_bytes(), file)
+        return recognises_mat(source) and is_calibration_mat(source)
+    if recognises_msq(head) or (kind is Kind.CSV and recognises_script(head)):
+        return True
+    return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head))
 
 
 def _sniffed(file: Path) -> tuple[Kind, str]:
