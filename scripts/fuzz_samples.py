@@ -54,14 +54,23 @@ def _calibrations(seed: int) -> Iterator[Sample]:
     """What can be written as every format that Kennfeld writes."""
     from kennfeld.calfiles import write
 
-    for ending in (".dcm", ".csv", ".cdfx", ".json"):
+    for ending in (".dcm", ".csv", ".cdfx", ".json", ".xlsx", ".m", ".mat"):
         for number in range(4):
             draw = random.Random(f"{seed}{ending}{number}")
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / f"sample{ending}"
-                several = ending in (".dcm", ".json")
-                write(_parameters(draw, cubes=ending in (".json", ".cdfx"), variants=several and number % 2 == 1), path)
+                write(_parameters(draw, cubes=ending not in (".dcm", ".csv"), variants=number % 2 == 1), path)
                 yield Sample(f"calibration {ending}", path.name, {path.name: path.read_bytes()})
+
+
+def _tunes(seed: int) -> Iterator[Sample]:
+    """A tune of TunerStudio, alone and beside the file that defines its tables."""
+    from test_msq import INI, TUNE
+
+    tune = TUNE.encode("latin-1")
+    yield Sample("calibration .msq", "tune.msq", {"tune.msq": tune})
+    yield Sample("calibration .msq", "tune.msq", {"tune.msq": tune, "mainController.ini": INI.encode("latin-1")})
+    yield Sample("calibration .ini", "mainController.ini", {"mainController.ini": INI.encode("latin-1"), "t.msq": tune})
 
 
 def _recordings(seed: int) -> Iterator[Sample]:
@@ -249,4 +258,4 @@ _A2L = """ASAP2_VERSION 1 71
 /end MODULE /end PROJECT
 """
 
-_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _recordings)
+_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _tunes, _recordings)
