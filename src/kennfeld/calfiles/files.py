@@ -8,40 +8,42 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.calfiles.cdfx import read_cdfx, recognises_cdfx
-from kennfeld.calfiles.cdfx_writer import write_cdfx
-from kennfeld.calfiles.cvx import read_cvx, recognises_cvx
-from kennfeld.calfiles.cvx_writer import write_cvx
-from kennfeld.calfiles.dcm_lines import recognises_dcm
-from kennfeld.calfiles.dcm_reader import read_dcm
-from kennfeld.calfiles.dcm_update import write_dcm
-from kennfeld.calfiles.excel_book import looks_like_a_workbook
-from kennfeld.calfiles.excel_reader import read_excel
-from kennfeld.calfiles.excel_writer import write_excel
-from kennfeld.calfiles.flash import IMAGE_ENDINGS, read_flash, recognises_a2l, recognises_flash, write_flash
-from kennfeld.calfiles.format import Content, Format, Source, in_text, written
-from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
-from kennfeld.calfiles.mat_file import read_mat, recognises_mat
-from kennfeld.calfiles.matlab_script import read_script, recognises_script
-from kennfeld.calfiles.matlab_writer import write_mat, write_script
-from kennfeld.calfiles.msq import read_msq, recognises_msq
-from kennfeld.calfiles.msq_update import write_msq
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, recognises_a2l
+from kennfeld.calfiles.format import Content, Format, Source
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 from kennfeld.whole_files import write_whole
 
 __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
 
+_SCRIPT = "MATLAB script"
+# What tells, reads and writes a format, as module:function in this room. The script is the last one: it knows no mark.
 _FORMATS = (
-    Format("JSON", (".json",), in_text(recognises_json), read_json, written(write_json)),
-    Format("CVX (INCA's CSV)", (".csv",), in_text(recognises_cvx), read_cvx, written(write_cvx)),
-    Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
-    Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
-    Format("Intel HEX or S-records with an A2L file", IMAGE_ENDINGS, recognises_flash, read_flash, write_flash),
-    Format("MSQ (TunerStudio)", (".msq",), in_text(recognises_msq), read_msq, write_msq),
-    Format("Excel", (".xlsx",), looks_like_a_workbook, read_excel, write_excel),
-    Format("MATLAB data", (".mat",), recognises_mat, read_mat, write_mat),
-    Format("MATLAB script", (".m",), in_text(recognises_script), read_script, written(write_script)),
+    Format("JSON", (".json",), "json_values:recognises_json", "json_values:read_json", "json_values:write_json"),
+    Format("CVX (INCA's CSV)", (".csv",), "cvx:recognises_cvx", "cvx:read_cvx", "cvx_writer:write_cvx"),
+    Format("CDFX", (".cdfx",), "cdfx:recognises_cdfx", "cdfx:read_cdfx", "cdfx_writer:write_cdfx"),
+    Format("DCM", (".dcm",), "dcm_lines:recognises_dcm", "dcm_reader:read_dcm", "dcm_update:write_dcm"),
+    Format(
+        "Intel HEX or S-records with an A2L file",
+        IMAGE_ENDINGS,
+        "flash:recognises_flash",
+        "flash:read_flash",
+        "flash:write_flash",
+        binary=True,
+    ),
+    Format("MSQ (TunerStudio)", (".msq",), "msq:recognises_msq", "msq:read_msq", "msq_update:write_msq"),
+    Format(
+        "Excel",
+        (".xlsx",),
+        "excel_book:looks_like_a_workbook",
+        "excel_reader:read_excel",
+        "excel_writer:write_excel",
+        binary=True,
+    ),
+    Format("MATLAB data", (".mat",), "mat_file:recognises_mat", "mat_file:read_mat", "matlab_writer:write_mat", True),
+    Format(
+        _SCRIPT, (".m",), "matlab_script:recognises_script", "matlab_script:read_script", "matlab_writer:write_script"
+    ),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (
@@ -156,11 +158,17 @@ def _summary(member: Parameter, others: Sequence[str]) -> ParameterSummary:
 
 def _content(path: Path, a2l: str | Path | None = None) -> Content:
     source = Source(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
-    for known in _FORMATS:
+    for known in _in_order(path):
         if known.recognises(source):
             with _no_collection():
                 return known.read(source)
     raise InputError([_unknown(path, source)])
+
+
+def _in_order(path: Path) -> list[Format]:
+    """The formats, that of the file's ending first: the content decides, but others need not be loaded then."""
+    ending = path.suffix.lower()
+    return sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT)
 
 
 @contextmanager
@@ -180,7 +188,7 @@ def _bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             head = Source(path.name, file.read(_HEAD), path)
-            if head.is_binary and not any(known.recognises(head) for known in _FORMATS):
+            if head.is_binary and not any(known.recognises(head) for known in _FORMATS if known.binary):
                 raise InputError([_foreign(path, head.raw, "holds binary data")])
             return head.raw + file.read()
     except FileNotFoundError:
