@@ -10,8 +10,8 @@ import python_calamine
 import xlsxwriter
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.excel_book import is_calibration_workbook
-from kennfeld.calfiles.excel_sheets import sheet_names
+from kennfeld.calfiles.excel.book import is_calibration_workbook
+from kennfeld.calfiles.excel.sheets import sheet_names
 from kennfeld.calfiles.format import Source
 from kennfeld.errors import InputError
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
@@ -187,7 +187,7 @@ def repacked(path, change):
 def test_a_sheet_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
     path = repacked(book(), lambda name, raw: raw + b" " * 30_000_000 if name.endswith("sheet1.xml") else raw)
     assert path.stat().st_size < 200_000
-    monkeypatch.setattr("kennfeld.calfiles.excel_book._MOST_BYTES", 20_000_000)
+    monkeypatch.setattr("kennfeld.calfiles.excel.book._MOST_BYTES", 20_000_000)
     assert "unpacks to more than 20 MB" in refused(path)
 
 

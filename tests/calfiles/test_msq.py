@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld.calfiles import describe, merge, read, write
-from kennfeld.calfiles.msq_axes import Pair, pairs_of, usual_pairs
+from kennfeld.calfiles.msq.axes import Pair, pairs_of, usual_pairs
 from kennfeld.errors import InputError
 from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
 

@@ -20,9 +20,9 @@ _SCRIPT = "MATLAB script"
 # What tells, reads and writes a format, as module:function in this room. The script is the last one: it knows no mark.
 _FORMATS = (
     Format("JSON", (".json",), "json_values:recognises_json", "json_values:read_json", "json_values:write_json"),
-    Format("CVX (INCA's CSV)", (".csv",), "cvx:recognises_cvx", "cvx:read_cvx", "cvx_writer:write_cvx"),
-    Format("CDFX", (".cdfx",), "cdfx:recognises_cdfx", "cdfx:read_cdfx", "cdfx_writer:write_cdfx"),
-    Format("DCM", (".dcm",), "dcm_lines:recognises_dcm", "dcm_reader:read_dcm", "dcm_update:write_dcm"),
+    Format("CVX (INCA's CSV)", (".csv",), "cvx.reader:recognises_cvx", "cvx.reader:read_cvx", "cvx.writer:write_cvx"),
+    Format("CDFX", (".cdfx",), "cdfx.reader:recognises_cdfx", "cdfx.reader:read_cdfx", "cdfx.writer:write_cdfx"),
+    Format("DCM", (".dcm",), "dcm.lines:recognises_dcm", "dcm.reader:read_dcm", "dcm.update:write_dcm"),
     Format(
         "Intel HEX or S-records with an A2L file",
         IMAGE_ENDINGS,
@@ -31,13 +31,13 @@ _FORMATS = (
         "flash:write_flash",
         binary=True,
     ),
-    Format("MSQ (TunerStudio)", (".msq",), "msq:recognises_msq", "msq:read_msq", "msq_update:write_msq"),
+    Format("MSQ (TunerStudio)", (".msq",), "msq.reader:recognises_msq", "msq.reader:read_msq", "msq.update:write_msq"),
     Format(
         "Excel",
         (".xlsx",),
-        "excel_book:looks_like_a_workbook",
-        "excel_reader:read_excel",
-        "excel_writer:write_excel",
+        "excel.book:looks_like_a_workbook",
+        "excel.reader:read_excel",
+        "excel.writer:write_excel",
         binary=True,
     ),
     Format("MATLAB data", (".mat",), "mat_file:recognises_mat", "mat_file:read_mat", "matlab_writer:write_mat", True),

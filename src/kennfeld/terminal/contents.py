@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld import calfiles, measurement
-from kennfeld.calfiles.cdfx import recognises_cdfx
-from kennfeld.calfiles.dcm_lines import recognises_dcm
-from kennfeld.calfiles.excel_book import is_calibration_workbook
+from kennfeld.calfiles.cdfx.reader import recognises_cdfx
+from kennfeld.calfiles.dcm.lines import recognises_dcm
+from kennfeld.calfiles.excel.book import is_calibration_workbook
 from kennfeld.calfiles.flash import recognises_a2l, recognises_flash
 from kennfeld.calfiles.format import Source
 from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
 from kennfeld.calfiles.matlab_script import recognises_script
-from kennfeld.calfiles.msq import recognises_msq
+from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of

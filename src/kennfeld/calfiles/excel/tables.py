@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.excel_book import Sheet, number_fault
-from kennfeld.calfiles.excel_sheets import AXIS_HEADING, CORNERS, LETTERS
+from kennfeld.calfiles.excel.book import Sheet, number_fault
+from kennfeld.calfiles.excel.sheets import AXIS_HEADING, CORNERS, LETTERS
 from kennfeld.calfiles.format import Notes, counted
 
 __all__ = ["AxisCells", "Grid", "read_grid", "read_number"]

@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Notes, Written, counted, holds_control_characters
-from kennfeld.calfiles.msq import Constant, Msq
+from kennfeld.calfiles.msq.reader import Constant, Msq
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
 __all__ = ["write_msq"]

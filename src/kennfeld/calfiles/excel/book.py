@@ -9,7 +9,7 @@ from datetime import date, time, timedelta
 from io import BytesIO
 from typing import Any
 
-from kennfeld.calfiles.excel_sheets import INDEX, INDEX_HEADING, column_letters
+from kennfeld.calfiles.excel.sheets import INDEX, INDEX_HEADING, column_letters
 from kennfeld.calfiles.format import Source
 from kennfeld.errors import InputError
 

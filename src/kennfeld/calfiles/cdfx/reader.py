@@ -14,8 +14,8 @@ from math import prod
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.cdfx_instances import Instance, instances
-from kennfeld.calfiles.cdfx_values import Values, array_size, values_of
+from kennfeld.calfiles.cdfx.instances import Instance, instances
+from kennfeld.calfiles.cdfx.values import Values, array_size, values_of
 from kennfeld.calfiles.format import Content, Notes, Source, counted
 from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.excel_sheets import (
+from kennfeld.calfiles.excel.sheets import (
     AXES,
     AXES_HEADING,
     AXIS_HEADING,

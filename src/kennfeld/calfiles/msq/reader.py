@@ -16,7 +16,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.calfiles.msq_axes import Pair, definition_beside, pairs_of, usual_pairs
+from kennfeld.calfiles.msq.axes import Pair, definition_beside, pairs_of, usual_pairs
 from kennfeld.calfiles.xml_tree import parsed
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
 

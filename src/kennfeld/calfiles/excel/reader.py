@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.calfiles.excel_book import Sheet, Workbook, index_heading, number_fault, opened
-from kennfeld.calfiles.excel_sheets import (
+from kennfeld.calfiles.excel.book import Sheet, Workbook, index_heading, number_fault, opened
+from kennfeld.calfiles.excel.sheets import (
     AXES,
     AXES_HEADING,
     INDEX,
@@ -17,7 +17,7 @@ from kennfeld.calfiles.excel_sheets import (
     TEXTS,
     TEXTS_HEADING,
 )
-from kennfeld.calfiles.excel_tables import AxisCells, Grid, read_grid, read_number
+from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
 from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.errors import ArgumentError, nearest
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
