@@ -26,10 +26,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 LONGEST = 20.0  # s, for one file
+STARTING = 60.0  # s more for the imports
 MOST_MEMORY = 1 << 30  # bytes above what the process had before its first file
 ADDRESSES = 16 << 30  # bytes of address space, so that a bomb ends in an error and not the machine
 REPORT = 5.0  # s between lines of progress
@@ -148,8 +150,17 @@ def put(samples: Sequence[Sample], seed: int, number: int, folder: Path) -> tupl
     return kind, target
 
 
-def read(path: Path) -> bool:
-    """Read a file as the commands do; whether it holds something. Whatever is no finding is raised."""
+def read(damaged: Path) -> bool:
+    """Read a damaged file, and those beside it that may refer to it; whether it holds something."""
+    good = _read(damaged)
+    for other in sorted(damaged.parent.iterdir()):
+        if other != damaged:
+            _read(other)
+    return good
+
+
+def _read(path: Path) -> bool:
+    """Read a file as the commands do. Whatever is no finding is raised."""
     from kennfeld import calfiles, measurement
     from kennfeld.errors import InputError
     from kennfeld.terminal.contents import contents
@@ -223,6 +234,16 @@ def _most_memory() -> int:
     return 0
 
 
+@dataclass(frozen=True)
+class Running:
+    """A process that reads, the file it was seen at, and since when."""
+
+    process: Any
+    at: Any
+    number: int
+    since: float
+
+
 class Campaign:
     """The processes that read, watched from outside: one that crashes or hangs is replaced."""
 
@@ -237,7 +258,7 @@ class Campaign:
         told = self.context.Queue()
         running = [self._started(share, told) for share in self.left]
         reported = time.monotonic()
-        while any(process is not None for process, _, _ in running):
+        while any(running):
             self._hear(told)
             running = [self._watched(one, share, told) for one, share in zip(running, self.left, strict=True)]
             if time.monotonic() - reported > REPORT:
@@ -248,33 +269,33 @@ class Campaign:
         self._hear(told)
         return self.outcomes
 
-    def _started(self, share: list[int], told: object) -> tuple:
+    def _started(self, share: list[int], told: object) -> "Running | None":
         if not share:
-            return None, None, 0.0
+            return None
         at = self.context.Value("q", share[0])
         process = self.context.Process(target=work, args=(self.seed, tuple(share), self.samples, at, told), daemon=True)
         process.start()
-        return process, at, time.monotonic()
+        return Running(process, at, share[0], time.monotonic() + STARTING)
 
-    def _watched(self, one: tuple, share: list[int], told: object) -> tuple:
-        process, at, since = one
-        if process is None:
-            return one
-        number = at.value
-        if not process.is_alive():
+    def _watched(self, one: "Running | None", share: list[int], told: object) -> "Running | None":
+        if one is None:
+            return None
+        number = one.at.value
+        if not one.process.is_alive():
             self._hear(told)
             if number < 0 or not share:
-                return None, None, 0.0
-            self._failed(number, f"crash, exit status {process.exitcode}")
+                return None
+            self._failed(number, f"crash, exit status {one.process.exitcode}")
             return self._started(share, told)
-        if share and number == share[0] and time.monotonic() - since < LONGEST + 60:
-            return one
-        if share and number == share[0]:
-            process.kill()
-            process.join()
+        if number != one.number:
+            return Running(one.process, one.at, number, time.monotonic())
+        if number >= 0 and time.monotonic() - one.since > LONGEST:
+            one.process.kill()
+            one.process.join()
+            self._hear(told)
             self._failed(number, "hangs")
             return self._started(share, told)
-        return process, at, time.monotonic()
+        return one
 
     def _failed(self, number: int, wrong: str) -> None:
         with tempfile.TemporaryDirectory() as folder:

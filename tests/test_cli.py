@@ -236,6 +236,16 @@ class TestBadInput:
         assert "channel Rel_Airmass is 50 throughout" in err
         assert all(line.startswith("warning: ") for line in err.splitlines())
 
+    def test_a_remark_is_told_and_is_no_warning(self, folder, project, capsys):
+        inputs = "input Speed[rad/s]\ninput Rel_Airmass\ninput Ignition\n"
+        text = (folder / "torque.kf").read_text(encoding="utf-8")
+        (folder / "torque.kf").write_text(inputs + text, encoding="utf-8")
+        assert cli.run(["check", str(project)]) == 0
+        out, err = capsys.readouterr()
+        told = [line for line in err.splitlines() if line.startswith("remark: ")]
+        assert any("channel Speed is in rpm and is converted to rad/s, the unit of the input Speed" in t for t in told)
+        assert ("with warnings" in out) == any(line.startswith("warning: ") for line in err.splitlines())
+
     def test_every_problem_is_named_at_once(self, folder, project, capsys):
         change(project, "smoothness = 10\n", "smothness = 10\n")
         change(project, "[optimizer]", "[optimiser]")
@@ -507,6 +517,22 @@ class TestInfo:
         assert cli.run(["info", "--json", str(pristine / name)]) == 0
         found = json.loads(capsys.readouterr().out)
         assert (found["content"], found["file"]) == (content, name)
+
+    @pytest.mark.parametrize("name", ["bench.csv", "start.dcm", "torque.kf"])
+    def test_shows_what_is_searched_alone(self, name, pristine, capsys):
+        assert cli.run(["info", str(pristine / name), "--search", "torq"]) == 0
+        out = capsys.readouterr().out
+        assert "Torq" in out
+        assert "Ignition " not in out
+        assert cli.run(["info", "--json", str(pristine / name), "--search", "torq"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert "Torq" in json.dumps(found)
+        assert "Eta" not in json.dumps(found)
+
+    def test_names_the_nearest_where_nothing_is_found(self, pristine, capsys):
+        assert cli.run(["info", str(pristine / "bench.csv"), "--search", "Ignitoin"]) == 2
+        assert "bench.csv: nothing in it has 'Ignitoin'" in (said := capsys.readouterr().err)
+        assert "Did you mean Ignition?" in said
 
     @pytest.mark.parametrize(
         ("name", "content"),

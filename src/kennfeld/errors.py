@@ -17,7 +17,7 @@ __all__ = ["ArgumentError", "Finding", "InputError", "KennfeldError", "nearest"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One problem of an input: where it is, what it is, how to mend it.
+    """One problem of an input: where it is, what it is, how to mend it. A remark is none, but worth knowing.
 
     >>> print(Finding("torque.kf line 4", "MapOptTorqe is no parameter", "Did you mean MapOptTorque?"))
     torque.kf line 4: MapOptTorqe is no parameter. Did you mean MapOptTorque?
@@ -27,7 +27,7 @@ class Finding:
     what: str
     mend: str = ""
     excerpt: str = ""
-    severity: Literal["error", "warning"] = "error"
+    severity: Literal["error", "warning", "remark"] = "error"
 
     def __str__(self) -> str:
         what = self.what if not self.mend or self.what.endswith((".", "?", "!")) else self.what + "."

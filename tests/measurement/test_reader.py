@@ -20,9 +20,9 @@ def test_the_face_is_pinned():
     [
         (b"MDF     4.10    ", "the MDF file is cut off"),
         (b"UnFinMF 4.10    ", "the MDF file is cut off"),
-        (b"MLVLG\0\0\1", "an MLG"),
-        (b"MATLAB 5.0 MAT-file", "a MATLAB data file"),
-        (b"\x89HDF\r\n\x1a\n", "an HDF5"),
+        (b"MLVLG\0\0\1", "the MLG file is damaged or cut off"),
+        (b"MATLAB 5.0 MAT-file", "holds no vectors"),
+        (b"\x89HDF\r\n\x1a\n", "the HDF5 file is damaged"),
         (b"%PDF-1.7", "a PDF file"),
         (b"<?xml version='1.0'?><a/>", "an XML file"),
         (b"<!DOCTYPE html><html>", "an HTML file"),

@@ -149,7 +149,7 @@ def test_a_file_cut_in_half_is_called_cut_off(csv):
         ("Speed,Torque\nrpm,Nm\n", "there are names but no row of numbers below them"),
         ("1,2\n3,4\n", "the numbers have no header with channel names"),
         ("a,b,a\n1,2,3\n", "2 columns are called a"),
-        ("a;b\n1.234,5;1,5\n2,5;3,5\n3,5;4,5\n", "thousands separator"),
+        ("a;b\n1,234.5;1.5\n2.5;3.5\n3.5;4.5\n", "thousands separator"),
         ("a,b\n1,2\n3,1_000\n4,5\n", "'1_000' is no number"),
         ("a,b\n1,2\n3,1e999\n4,5\n", "not finite"),
     ],
@@ -299,7 +299,7 @@ def test_clean_files_read_at_once_are_as_read_line_by_line(csv, monkeypatch, sep
 
 def read_clean_of(path):
     source = locate(path)
-    return clean.read_clean(source, text._dialect(source), Selection())
+    return clean.read_clean(source, text.dialect_of(source), Selection())
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000", "inf", '"1"'])

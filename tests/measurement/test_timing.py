@@ -86,8 +86,8 @@ def test_wrong_stamps_are_findings(csv, rows, message):
 def test_a_raster_without_time_is_a_finding(csv):
     with pytest.raises(InputError, match="needs a time column, and there is none"):
         read(csv("a,b\n1,2\n"), raster=0.1)
-    with pytest.raises(InputError, match="Time holds text, such as '12:00:01'"):
-        read(csv("Time,b\n12:00:01,2\n12:00:02,3\n"), raster=0.1)
+    with pytest.raises(InputError, match="Time holds text, such as 'noon'"):
+        read(csv("Time,b\nnoon,2\n12:00:02,3\n"), raster=0.1)
 
 
 @pytest.mark.parametrize("raster", [0, -1, np.nan, np.inf])

@@ -6,11 +6,18 @@ import pytest
 from kennfeld.parameters import Curve, Scalar
 
 
-def test_a_channel_in_another_unit_than_its_input_is_a_warning(shop):
-    shop.bench("bench.csv", **{"n [rpm]": None, "n [rad/s]": [1000.0, 1500, 2000, 2500, 3000, 1200]})
+def test_a_channel_of_another_quantity_than_its_input_is_a_warning(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None, "n [Hz]": [1000.0, 1500, 2000, 2500, 3000, 1200]})
     warning = shop.warning()
-    assert "channel n is in rad/s, the input Speed of the function in rpm. Convert it in [calculated]" in warning
+    assert "channel n is in Hz, the input Speed of the function in rpm, which is another quantity. " in warning
+    assert 'Name another channel, or state its unit: [units] n = "rpm".' in warning
     assert "[[dataset]] 1 (bench)" in warning
+
+
+def test_a_channel_in_an_unknown_unit_is_a_warning(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None, "n [ticks]": [1000.0, 1500, 2000, 2500, 3000, 1200]})
+    warning = shop.warning()
+    assert "channel n is in ticks, the input Speed of the function in rpm. Convert it in [calculated]" in warning
 
 
 def test_units_that_are_spelled_differently_are_the_same(shop):
@@ -19,8 +26,8 @@ def test_units_that_are_spelled_differently_are_the_same(shop):
 
 
 def test_a_target_in_another_unit_than_its_node_is_a_warning(shop):
-    shop.bench("bench.csv", **{"Torque [Nm]": None, "Torque [lbft]": np.arange(6)})
-    assert "channel Torque is in lbft, the node Predict of the function in Nm" in shop.warning()
+    shop.bench("bench.csv", **{"Torque [Nm]": None, "Torque [bar]": np.arange(6)})
+    assert "channel Torque is in bar, the node Predict of the function in Nm" in shop.warning()
 
 
 def test_a_channel_with_many_gaps_is_a_warning(shop):

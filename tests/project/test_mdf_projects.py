@@ -1,5 +1,7 @@
 """Projects on MDF files: patterns, rasters that meet, names that several groups have."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -67,3 +69,46 @@ def test_a_damaged_file_is_named(project, tmp_path):
     path.write_bytes(path.read_bytes()[:600])
     with pytest.raises(InputError, match=r"bench_b\.mf4: the MDF file is damaged"):
         made.calibrate()
+
+
+def test_a_second_run_does_not_read_the_files_again(project, tmp_path, monkeypatch):
+    first = project("raster = 0.02").problem().datasets[0]
+    assert len(list((tmp_path / ".kennfeld" / "cache").glob("*.parquet"))) == 2
+    monkeypatch.setattr("kennfeld.measurement.cache.read", None)
+    monkeypatch.setattr("kennfeld.project.loading.read", None)
+    second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
+    assert second.time.tolist() == first.time.tolist()
+    assert all(second[name].values.tolist() == first[name].values.tolist() for name in first)
+    assert second["Torque"].unit == "Nm"
+
+
+def test_a_dataset_can_do_without_the_cache(project, tmp_path):
+    assert project("raster = 0.02\ncache = false").problem().datasets[0].samples
+    assert not (tmp_path / ".kennfeld").exists()
+
+
+def test_what_a_file_lacks_is_not_found_out_twice(project, tmp_path, monkeypatch):
+    from asammdf import MDF, Signal
+
+    made = project("raster = 0.02")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with MDF(version="4.10") as file:
+            time = np.arange(0, 5, 0.01)
+            file.append([Signal(1000 + 100 * time, time, name="Speed", unit="rpm")])
+            file.save(tmp_path / "bench_b.mf4", overwrite=True)
+    first = made.problem().datasets[0]
+    monkeypatch.setattr("kennfeld.measurement.cache.read", None)
+    monkeypatch.setattr("kennfeld.project.loading.describe", None)
+    second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
+    assert np.array_equal(first["Torque"].values, second["Torque"].values, equal_nan=True)
+    assert np.isnan(first["Torque"].values).any()
+
+
+def test_a_second_run_loads_no_library_that_reads_files(project, tmp_path):
+    project("raster = 0.02").problem()
+    code = "import sys; from kennfeld.project import Project\n"
+    code += f"assert Project.read({str(tmp_path / 'kennfeld.toml')!r}).problem()\n"
+    code += "assert not {'asammdf', 'pandas'} & set(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -141,6 +141,29 @@ def test_a_dynamic_one_needs_time_and_pieces_without_gaps(training, shop):
     assert "no piece without gaps that is long enough" in the_problem(training(DYNAMIC))
 
 
+def test_a_static_one_learns_from_the_plateaus_of_recordings(training, shop):
+    level = np.repeat([1.0, 3.0, 2.0, 5.0, 4.0, 6.0], 10)
+    shop.csv("bench.csv", {"time [s]": np.arange(60.0), "n": 1000 * level, "Load": level**2, "Torque": 2 * level})
+    steady = 'files = ["bench.csv"]\nsteady = { channel = "n", window = 5, tolerance = 10 }'
+    path = training(STATIC, ('files = ["bench.csv"]', steady))
+    [data] = read_training(path).datasets()
+    assert data["Torque"].values.tolist() == [2, 6, 4, 10, 8, 12]
+    assert "6 plateaus" in the_problem(path)
+
+
+def test_a_dynamic_one_can_not(training):
+    steady = 'files = ["tank.csv"]\nsteady = { channel = "u", window = 5, tolerance = 0 }'
+    found = problems(training(DYNAMIC, ('files = ["tank.csv"]', steady)))
+    assert any("needs time stamps" in one for one in found)
+
+
+def test_units_can_be_stated_where_files_have_none(training, shop):
+    shop.bench("bench2.csv", **{"n [rpm]": None, "n": 100 * np.arange(6)})
+    text = STATIC.replace('"bench.csv"', '"bench*.csv"') + '[units]\nn = "rad/s"\n'
+    assert problems(training(text)) == []
+    assert read_training(training(text)).datasets()[0]["n"].unit == "rad/s"
+
+
 def test_check_says_that_it_is_a_training_file(training, capsys):
     path = training()
     assert cli.run(["check", str(path)]) == 0

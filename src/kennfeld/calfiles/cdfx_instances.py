@@ -2,19 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
-from kennfeld.calfiles.format import Notes, counted
-from kennfeld.calfiles.xml_tree import Element
+from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.xml_tree import PARTED, Element
 
 __all__ = ["Instance", "instances"]
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
-_LEFT_ASIDE = {"SW-FEATURE-REF": "function", "SW-CS-HISTORY": "history"}
 
 
 @dataclass(frozen=True)
 class Instance:
-    """One label: what names it, and the elements that hold its values and axes."""
+    """One label in one variant: what names it, and the elements that hold its values and axes."""
 
     name: str
     category: str
@@ -22,6 +22,15 @@ class Instance:
     line: int
     value: Element | None  # SW-VALUE-CONT
     axes: tuple[Element, ...]  # SW-AXIS-CONT
+    functions: tuple[str, ...] = ()
+    display_name: str = ""
+    variant: str = ""
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """What every parameter and text keeps of it."""
+        named = {"display_name": self.display_name, "variant": self.variant}
+        return {"description": self.description, "functions": self.functions, **named}
 
     @property
     def unit(self) -> str:
@@ -30,7 +39,7 @@ class Instance:
 
 
 def instances(root: Element, notes: Notes) -> list[Instance]:
-    """All labels that hold something, in the order of the file; says what of them is left aside."""
+    """All labels that hold something, once a variant, in the order of the file; says what is left aside."""
     found: list[Instance] = []
     for tree in _trees(root):
         for element in tree.all("SW-INSTANCE"):
@@ -57,53 +66,65 @@ def _flat(element: Element, outer: str, notes: Notes) -> Iterator[Instance]:
         notes.error(element.line, "", "SW-INSTANCE has no SHORT-NAME", "Give it a name.")
         return
     inner = list(element.all("SW-INSTANCE"))
-    holder = _holder(element, name, notes)
-    value, axes = holder.first("SW-VALUE-CONT"), holder.first("SW-AXIS-CONTS")
-    if value is not None or not inner:
-        category = element.line_of("CATEGORY").strip().upper()
-        conts = tuple(axes.all("SW-AXIS-CONT")) if axes else ()
-        yield Instance(name, category, element.line_of("LONG-NAME"), element.line, value, conts)
+    for holder, variant in _holders(element, bool(inner), name, notes):
+        value, axes = holder.first("SW-VALUE-CONT"), holder.first("SW-AXIS-CONTS")
+        yield Instance(
+            name,
+            element.line_of("CATEGORY").strip().upper(),
+            element.line_of("LONG-NAME"),
+            holder.line if variant else element.line,
+            value,
+            tuple(axes.all("SW-AXIS-CONT")) if axes else (),
+            tuple(filter(None, (reference.text.strip() for reference in element.all("SW-FEATURE-REF")))),
+            element.line_of("DISPLAY-NAME").strip(),
+            variant,
+        )
     for child in inner:
         yield from _flat(child, name, notes)
 
 
-def _holder(element: Element, name: str, notes: Notes) -> Element:
-    """What holds the values: the instance itself, or its first variant."""
+def _holders(element: Element, has_inner: bool, name: str, notes: Notes) -> Iterator[tuple[Element, str]]:
+    """What holds values: the instance itself, or each of its variants with its name."""
     variants = element.first(_VARIANTS)
-    found = list(variants.all(_VARIANT)) if variants else []
-    for other in found[1:]:
-        what = f"is another variant{_called(other)} of the label in line {element.line}; left aside"
-        notes.remark(other.line, name, what)
-    return found[0] if found else element
+    found: dict[str, Element] = {}
+    for holder in variants.all(_VARIANT) if variants else ():
+        first = found.setdefault(_variant(holder), holder)
+        if first is not holder:
+            what = f"is another variant with the criteria of that in line {first.line}; left aside"
+            notes.remark(holder.line, name, what)
+    if found:
+        yield from ((holder, variant) for variant, holder in found.items())
+    elif element.first("SW-VALUE-CONT") is not None or not has_inner:
+        yield element, ""
 
 
-def _called(variant: Element) -> str:
-    words = [text for child in variant.children if child.tag not in _HELD for text in _texts(child)]
-    return f" ({' '.join(words)[:60]})" if words else ""
+def _variant(holder: Element) -> str:
+    """The criteria of a variant: `Engine=2,Gear=1`; a reference without a value stands alone."""
+    return ",".join(word for child in holder.children if child.tag not in _HELD for word in _criteria(child))
 
 
-_HELD = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK")
+_HELD = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")
 
 
-def _texts(element: Element) -> Iterator[str]:
+def _criteria(element: Element) -> Iterator[str]:
+    references = [child for child in element.children if child.tag.endswith("-REF")]
+    values = [child.text.strip() for child in element.children if child.tag in ("VT", "V", "VF", "VH")]
+    if len(references) == 1 and len(values) == 1:
+        yield f"{references[0].text.strip()}={values[0]}"
+        return
     if element.text.strip():
-        yield element.text.strip()
+        yield " ".join(element.text.replace(PARTED, " ").split())
     for child in element.children:
-        yield from _texts(child)
+        yield from _criteria(child)
 
 
 def _tell_left_aside(root: Element, notes: Notes) -> None:
-    kept: dict[str, list[str]] = {tag: [] for tag in _LEFT_ASIDE}
-    waiting = [root]
+    histories = 0
+    waiting: list[Element] = [root]
     while waiting:
         element = waiting.pop()
-        if element.tag in kept:
-            kept[element.tag].append(element.text.strip())
+        histories += element.tag == "SW-CS-HISTORY"
         if element.tag not in ("SW-VALUE-CONT", "SW-AXIS-CONTS"):
             waiting += element.children
-    functions = len(set(kept["SW-FEATURE-REF"]))
-    histories = len(kept["SW-CS-HISTORY"])
-    told = [counted(functions, "name") + " of functions"] if functions else []
-    told += ["1 history" if histories == 1 else f"{histories} histories"] if histories else []
-    if told:
-        notes.remark(0, "", f"{' and '.join(told)} left aside")
+    if histories:
+        notes.remark(0, "", f"{histories} histor{'y' if histories == 1 else 'ies'} left aside")

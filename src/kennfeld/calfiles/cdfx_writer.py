@@ -1,7 +1,7 @@
-"""Parameters as CDFX 2.0, without variants; numbers in their shortest form that reads back exactly."""
+"""Parameters as CDFX 2.0; numbers in their shortest form that reads back exactly."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape  # that of xml.sax loads half of urllib
 
 import numpy as np
@@ -12,6 +12,7 @@ from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
 __all__ = ["write_cdfx"]
 
+Thing = Parameter | Text
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" "cdf_v2.0.0.sl.dtd">
 <MSRSW>
@@ -23,7 +24,7 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <SW-INSTANCE-SPEC>
 <SW-INSTANCE-TREE>
 <SHORT-NAME>{name}</SHORT-NAME>
-<CATEGORY>NO_VCD</CATEGORY>
+<CATEGORY>{coding}</CATEGORY>
 """
 _FOOT = """</SW-INSTANCE-TREE>
 </SW-INSTANCE-SPEC>
@@ -39,15 +40,21 @@ _OTHER = re.compile(r"[\ufffe\uffff]")
 def write_cdfx(parameters: ParameterSet, file: str) -> str:
     """The text of a CDFX 2.0 file.
 
-    A group axis becomes a COM_AXIS, to which its tables refer; a cube a CUBOID, or a CUBE_4 as A2L calls it.
-    Bounds, locks, axis inputs and extrapolation have no place in CDFX. Raises `InputError` naming every parameter
-    that CDFX cannot hold: expansions, values that are not finite, one name for two things.
+    A group axis becomes a COM_AXIS, to which its tables refer; a cube a CUBOID, or a CUBE_4 as A2L calls it. A label
+    with variants has one SW-INSTANCE-PROPS-VARIANT for each. Bounds, locks, axis inputs and extrapolation have no place
+    in CDFX. Raises `InputError` naming every parameter that CDFX cannot hold: expansions, values that are not finite,
+    one name for two things.
     """
     _refuse(parameters, file)
     name = _escaped(file.rpartition(".")[0] or file)
-    instances = [*map(_text, parameters.texts), *map(_parameter, parameters.parameters)]
+    others: dict[str, list[Thing]] = {}
+    for thing in parameters.others:
+        others.setdefault(thing.name, []).append(thing)
+    labels: tuple[Thing, ...] = (*parameters.texts, *parameters.parameters)
+    instances = [_instance(thing, others.get(thing.name, [])) for thing in labels]
     instances += map(_group_axis, parameters.axes)
-    return "".join([_HEAD.format(name=name), *instances, _FOOT])
+    coding = "VCD" if parameters.variants else "NO_VCD"
+    return "".join([_HEAD.format(name=name, coding=coding), *instances, _FOOT])
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
@@ -66,7 +73,30 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
     for text in parameters.texts:
         if _UNFIT.search(text.text):
             notes.error(0, text.name, "XML cannot hold a text with control characters", "Write it as .json.")
+    _refuse_variants(parameters, notes)
     notes.settle()
+
+
+def _refuse_variants(parameters: ParameterSet, notes: Notes) -> None:
+    first = {thing.name: thing for thing in parameters.chosen}
+    for thing in parameters.others:
+        if thing.name not in first or thing.kind != first[thing.name].kind:
+            what = f"is a {thing.kind} in the variant {thing.variant!r} alone; a label of CDFX has one category"
+            notes.error(0, thing.name, what, "Write it as .json.")
+        faults = [*_faults(thing), *other_axes(thing, parameters)] if isinstance(thing, Parameter) else []
+        for what in faults:
+            notes.error(0, thing.name, f"{what} (variant {thing.variant})", "Write it as .json.")
+        if isinstance(thing, Text) and _UNFIT.search(thing.text):
+            notes.error(0, thing.name, "XML cannot hold a text with control characters", "Write it as .json.")
+
+
+def other_axes(member: Parameter, parameters: ParameterSet) -> Iterator[str]:
+    """The group axes that have other breakpoints in a variant than in the set, which a file holds once."""
+    groups = {axis.name: axis for axis in parameters.axes}
+    for axis in member.axes:
+        known = groups.get(axis.name)
+        if axis.name and (known is None or not np.array_equal(known.breakpoints, axis.breakpoints)):
+            yield f"has other breakpoints for the group axis {axis.name}"
 
 
 def _faults(member: Parameter) -> Iterator[str]:
@@ -78,23 +108,40 @@ def _faults(member: Parameter) -> Iterator[str]:
         yield "CDFX cannot hold values that are not finite"
 
 
-def _text(text: Text) -> str:
-    category = "BOOLEAN" if text.text in ("true", "false") else "ASCII"
-    value = f"<SW-VALUES-PHYS><VT>{_escaped(text.text)}</VT></SW-VALUES-PHYS>"
-    return _instance(text.name, text.description, category, _value_cont("", "", value))
+def _category(thing: Thing) -> str:
+    if isinstance(thing, Text):
+        return "BOOLEAN" if thing.text in ("true", "false") else "ASCII"
+    return _CATEGORIES.get(thing.kind) or ("CUBOID" if len(thing.axes) == 3 else f"CUBE_{len(thing.axes)}")
 
 
-def _parameter(member: Parameter) -> str:
-    category = _CATEGORIES.get(member.kind) or ("CUBOID" if len(member.axes) == 3 else f"CUBE_{len(member.axes)}")
-    size = _array_size(member.values.shape) if member.kind == "block" else ""
-    contents = [_value_cont(member.unit, size, _values(member.values))]
-    if member.axes:
-        contents += ["<SW-AXIS-CONTS>\n", *map(_axis_cont, member.axes), "</SW-AXIS-CONTS>\n"]
-    return _instance(member.name, member.description, category, *contents)
+def _held(thing: Thing) -> str:
+    """The values of a label in one variant."""
+    if isinstance(thing, Text):
+        return _value_cont("", "", f"<SW-VALUES-PHYS><VT>{_escaped(thing.text)}</VT></SW-VALUES-PHYS>")
+    size = _array_size(thing.values.shape) if thing.kind == "block" else ""
+    contents = [_value_cont(thing.unit, size, _values(thing.values))]
+    if thing.axes:
+        contents += ["<SW-AXIS-CONTS>\n", *map(_axis_cont, thing.axes), "</SW-AXIS-CONTS>\n"]
+    return "".join(contents)
+
+
+def _variant(thing: Thing) -> str:
+    criteria = "".join(map(_criterion, thing.variant.split(","))) if thing.variant else ""
+    values = f"<SW-VCD-CRITERION-VALUES>\n{criteria}</SW-VCD-CRITERION-VALUES>\n" if criteria else ""
+    return f"<SW-INSTANCE-PROPS-VARIANT>\n{values}{_held(thing)}</SW-INSTANCE-PROPS-VARIANT>\n"
+
+
+def _criterion(said: str) -> str:
+    """One criterion of a variant, `Engine=2`."""
+    name, equals, value = said.partition("=")
+    reference = f"<SW-VCD-CRITERION-REF>{_line(name)}</SW-VCD-CRITERION-REF>" if equals else ""
+    text = f"<VT>{_line(value if equals else said)}</VT>"
+    return f"<SW-VCD-CRITERION-VALUE>{reference}{text}</SW-VCD-CRITERION-VALUE>\n"
 
 
 def _group_axis(axis: Axis) -> str:
-    return _instance(axis.name, "", "COM_AXIS", _value_cont(axis.unit, "", _values(axis.breakpoints)))
+    head = f"<SHORT-NAME>{_escaped(axis.name)}</SHORT-NAME>\n<LONG-NAME></LONG-NAME>\n<CATEGORY>COM_AXIS</CATEGORY>\n"
+    return f"<SW-INSTANCE>\n{head}{_value_cont(axis.unit, '', _values(axis.breakpoints))}</SW-INSTANCE>\n"
 
 
 def _axis_cont(axis: Axis) -> str:
@@ -107,14 +154,22 @@ def _axis_cont(axis: Axis) -> str:
     return f"{head}{content}</SW-AXIS-CONT>\n"
 
 
-def _instance(name: str, description: str, category: str, *contents: str) -> str:
+def _instance(thing: Thing, others: Sequence[Thing]) -> str:
+    """A label with its values, in variants where it has any."""
+    references = (f"<SW-FEATURE-REF>{_line(name)}</SW-FEATURE-REF>\n" for name in thing.functions)
+    held = _held(thing)
+    if thing.variant or others:
+        variants = "".join(map(_variant, (thing, *others)))
+        held = f"<SW-INSTANCE-PROPS-VARIANTS>\n{variants}</SW-INSTANCE-PROPS-VARIANTS>\n"
     return "".join(
         [
             "<SW-INSTANCE>\n",
-            f"<SHORT-NAME>{_escaped(name)}</SHORT-NAME>\n",
-            f"<LONG-NAME>{_line(description)}</LONG-NAME>\n",
-            f"<CATEGORY>{category}</CATEGORY>\n",
-            *contents,
+            f"<SHORT-NAME>{_escaped(thing.name)}</SHORT-NAME>\n",
+            f"<LONG-NAME>{_line(thing.description)}</LONG-NAME>\n",
+            f"<DISPLAY-NAME>{_line(thing.display_name)}</DISPLAY-NAME>\n" if thing.display_name else "",
+            f"<CATEGORY>{_category(thing)}</CATEGORY>\n",
+            *references,
+            held,
             "</SW-INSTANCE>\n",
         ]
     )

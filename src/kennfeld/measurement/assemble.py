@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import Channel, Dataset, concatenate
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.cells import shown
 from kennfeld.measurement.columns import Column, Selection, Table, capped, text_findings
 from kennfeld.measurement.raster import grid, resample_all, samples_on
-from kennfeld.measurement.timing import find_time, merge, seconds, time_findings
+from kennfeld.measurement.timing import find_time, merge, pieces, seconds, time_findings
 
 __all__ = ["assemble", "checked", "frozen"]
 
@@ -22,7 +22,13 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
     time, channels = checked(table, selection, raster)
     if time is None:
         return Dataset(name, tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels))
-    stamps, values = merge(seconds(time), [c.values for c in channels])
+    stamps = seconds(time)
+    parts = [_piece(name, stamps[k], channels, k, raster) for k in pieces(table, stamps)]
+    return parts[0] if len(parts) == 1 else concatenate(name, parts)
+
+
+def _piece(name: str, time: Float, channels: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
+    stamps, values = merge(time, [c.values[piece] for c in channels])
     if raster is not None:
         even = grid(stamps, raster)
         stamps, values = even, resample_all(stamps, values, even, [c.held for c in channels])
@@ -112,7 +118,7 @@ def _time(table: Table, column: Column, raster: float | None, channels: int) -> 
     found = time_findings(table, column, time)
     if found or raster is None or not time.size:
         return found
-    points = samples_on(time, raster)
+    points = sum(samples_on(time[piece], raster) for piece in pieces(table, time))
     if points <= 1000.0 * time.size + 1e6 and points * max(channels, 1) <= _MOST:
         return []
     widest = int(np.argmax(np.diff(time))) + 1

@@ -15,6 +15,7 @@ from kennfeld.measurement.cells import MISSING, TRUTH, number
 from kennfeld.measurement.columns import Column, Selection, Table
 from kennfeld.measurement.dialect import Dialect, is_comment, split
 from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.stamps import is_stamp
 
 __all__ = ["read_bulk"]
 
@@ -37,6 +38,8 @@ def read_bulk(source: Source, dialect: Dialect, selection: Selection) -> Table |
     wanted = [i for i in selection.wants(dialect.header) if i < width]
     numeric = [i for i in wanted if kinds[i] is not None]
     if selection.channels is not None and numeric != wanted:
+        return None
+    if any(is_stamp(cells[0][i]) for i in wanted if i not in numeric):
         return None
     frame = _frame(source, dialect, sample, kinds)
     return None if frame is None else _table(source, dialect, frame, numeric)

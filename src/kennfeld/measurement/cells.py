@@ -20,7 +20,7 @@ _GAPS = frozenset(MISSING)
 _ENDLESS = {sign + word: float(sign + word) for sign in ("", "+", "-") for word in ("inf", "infinity")}
 _NUMBER: dict[str, re.Pattern[str]] = {
     ".": re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
-    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|[0-9]{1,3}(?:\.[0-9]{3})+,[0-9]+|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
 }
 _EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
 
@@ -42,7 +42,7 @@ def number(cell: object, decimal: Decimal = ".") -> float | None:
 
 def _from_text(text: str, decimal: Decimal) -> float | None:
     if _NUMBER[decimal].fullmatch(text):
-        return float(text.replace(",", "."))
+        return float(text.replace(".", "").replace(",", ".") if decimal == "," else text)
     folded = text.casefold()
     if folded in _GAPS:
         return np.nan

@@ -9,6 +9,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.errors import Finding
 from kennfeld.measurement.cells import Decimal, is_dated, numbers, shown
 from kennfeld.measurement.header import Header
+from kennfeld.measurement.stamps import is_stamp, stamps
 from kennfeld.measurement.units import may_be_time
 
 __all__ = ["Column", "ColumnBuilder", "Selection", "Table", "capped", "text_findings"]
@@ -36,7 +37,7 @@ class Selection:
         return self.channels is None or name in self.channels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column:
     """One column: its numbers, NaN where a cell is empty, and the text cells it holds (sample, cell)."""
 
@@ -68,6 +69,7 @@ class Table:
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = field(default=())
     clock: Column | None = None  # the time, where the format itself says which column it is
+    restarts: bool = False  # whether time that falls begins a new piece, as in a log that goes on after a restart
 
     def at(self, sample: int, *columns: Column) -> str:
         """Where a cell stands: `bench.csv line 17, column Torque`."""
@@ -89,10 +91,15 @@ class ColumnBuilder:
         self._text_count = 0
         self._samples = 0
         self._dated = False
+        self._origin: int | None = None  # the day that stamps in text count from
 
     def add(self, cells: Sequence[object], decimal: Decimal = ".") -> None:
         """Take the next cells."""
         values, texts = numbers(cells, decimal)
+        if texts and (self._dated or not self._blocks) and is_stamp(cells[texts[0]]):
+            found = stamps(cells, self._origin)
+            if found is not None:
+                (values, self._origin), texts, self._dated = found, [], True
         self._blocks.append(values)
         self._texts += [(self._samples + i, cells[i]) for i in texts[: _KEPT - len(self._texts)]]
         self._text_count += len(texts)
@@ -103,8 +110,16 @@ class ColumnBuilder:
     def built(self) -> Column:
         """The column of all cells taken."""
         values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
+        if self._dated and self._origin is None:
+            values = _past_midnight(values)
         values.setflags(write=False)
         return Column(self.name, self.unit, self.place, values, tuple(self._texts), self._text_count, self._dated)
+
+
+def _past_midnight(values: Float) -> Float:
+    """Times of day that go on counting where a new day begins."""
+    days = np.cumsum(np.diff(values, prepend=values[:1]) < -43_200.0)
+    return values + 86_400.0 * days
 
 
 def _is_text(cells: Sequence[object]) -> bool:

@@ -5,15 +5,19 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.arrays import Float
 from kennfeld.measurement.columns import Column, Table
-from kennfeld.measurement.timing import find_time, seconds
+from kennfeld.measurement.timing import find_time, pieces, seconds
 
 __all__ = ["ChannelDescription", "Description", "TableDescription", "TimeDescription", "described"]
 
 
 @dataclass(frozen=True)
 class ChannelDescription:
-    """One channel; minimum and maximum are None where it has no value at all."""
+    """One channel; minimum and maximum are None where it has no value at all.
+
+    `rate` is how often it has a value, in Hz, by the median time between two of them; None where there is no time.
+    """
 
     name: str
     unit: str
@@ -22,6 +26,7 @@ class ChannelDescription:
     minimum: float | None
     maximum: float | None
     description: str = ""
+    rate: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,23 +70,35 @@ def described(table: Table) -> TableDescription:
     time = find_time(table)
     channels = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
     kept = {c.name for c in channels}
+    stamps = None if time is None else seconds(time)
     details = dict(table.details)
     group = details.pop("group", "")
+    if time is not None and (parts := len(pieces(table, seconds(time)))) > 1:
+        details["pieces"] = f"{parts}, for its time starts anew"
     return TableDescription(
         details.get("sheet", group),
         int(table.rows.size),
-        tuple(_channel(c) for c in channels),
+        tuple(_channel(c, stamps) for c in channels),
         None if time is None else _time(time),
         tuple(name for name in table.names if name and name not in kept),
         details,
     )
 
 
-def _channel(column: Column) -> ChannelDescription:
+def _channel(column: Column, stamps: Float | None) -> ChannelDescription:
     known = column.values[np.isfinite(column.values)]
     share = float(np.isnan(column.values).mean()) if column.values.size else 0.0
     low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
-    return ChannelDescription(column.name, column.unit, int(column.values.size), share, low, high, column.description)
+    rate = None if stamps is None else _rate(stamps[~np.isnan(column.values)] if share else stamps)
+    size = int(column.values.size)
+    return ChannelDescription(column.name, column.unit, size, share, low, high, column.description, rate)
+
+
+def _rate(stamps: Float) -> float | None:
+    """How often there is a sample, in Hz."""
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    step = float(np.median(steps)) if steps.size else 0.0
+    return 1.0 / step if step > 0 else None
 
 
 def _time(column: Column) -> TimeDescription:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from kennfeld.errors import InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.header import Header, find_header
+from kennfeld.measurement.marks import is_mark
+from kennfeld.measurement.units import looks_like_unit
 
 __all__ = ["Dialect", "encoding_of", "find_dialect", "is_comment", "split"]
 
@@ -27,6 +29,7 @@ class Dialect:
     decimal: Decimal
     decimal_seen: bool  # whether a number with that mark was met
     header: Header
+    repeated: frozenset[str] = frozenset()  # lines that are no rows wherever they stand: names and units once more
 
     @property
     def details(self) -> tuple[tuple[str, str], ...]:
@@ -91,7 +94,7 @@ def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
     for separator in _SEPARATORS:
         if separator != ALONE and not any(separator in line for line in lines):
             continue
-        rows = [[] if is_comment(line) else split(line, separator) for line in lines]
+        rows = [[] if is_comment(line) or is_mark(line, separator) else split(line, separator) for line in lines]
         for decimal in _decimals(separator, lines):
             scored = _scored(rows, separator, decimal, encoding, lines)
             if scored is not None and (best is None or scored[0] > best[0]):
@@ -126,7 +129,8 @@ def _scored(
     header = find_header(rows, decimal) or _commented_header(rows, separator, decimal, lines)
     if header is None:
         return None
-    data = [row for row in rows[header.data :] if any(cell.strip() for cell in row)]
+    above = rows[: header.data]  # which a log that was restarted repeats
+    data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
     found = [[None if not cell.strip() else number(cell, decimal) for cell in row] for row in data]
     numeric = {i for values in found for i, value in enumerate(values) if value is not None}
     score, seen = 0, False
@@ -141,11 +145,15 @@ def _scored(
 def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:
     """Names that stand in a comment right above the numbers, as numpy writes them."""
     first = next((i for i, row in enumerate(rows) if any(cell.strip() for cell in row)), 0)
-    above = first - 1
-    if above < 0 or not is_comment(lines[above]):
-        return None
-    bare = lines[above].strip().lstrip("#%/").strip()
-    return find_header([*([] for _ in range(above)), split(bare, separator), *rows[first:]], decimal)
+    begin = first
+    while begin > max(first - 3, 0) and is_comment(lines[begin - 1]):
+        begin -= 1
+    above = [split(line.strip().lstrip("#%/").strip(), separator) for line in lines[begin:first]]
+    for k in range(len(above) - 1, -1, -1):  # units may stand below the names, in a comment as well
+        found = find_header([*([] for _ in range(begin + k)), *above[k:], *rows[first:]], decimal)
+        if found is not None and (k == 0 or not all(map(looks_like_unit, above[k]))):
+            return found
+    return None
 
 
 def _no_table(place: str, lines: Sequence[str]) -> InputError:

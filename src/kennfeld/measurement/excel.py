@@ -13,16 +13,19 @@ from kennfeld.errors import InputError, nearest
 from kennfeld.measurement.cells import is_missing
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table
 from kennfeld.measurement.header import Header, find_header
+from kennfeld.measurement.panic import panics
 from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.xlsb import check_end, extent_of
 
 __all__ = ["column_letters", "read_tables"]
 
 _HEAD_ROWS = 200
 _CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
-_SHEET = re.compile(r"xl/worksheets/.*\.xml")
-_FAR = re.compile(rb'<c r="([A-Z]{2,})[0-9]')
-_ROW = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{1,30})"')
-_ROW_FAR = re.compile(rb'<c r="[A-Z]{1,3}([0-9]{7,30})"')
+_SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)")
+_BINARY = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
+_FAR = re.compile(rb'\sr="([A-Z]{2,})[0-9]')
+_ROW = re.compile(rb'\sr="[A-Z]{1,3}([0-9]{1,30})"')
+_ROW_FAR = re.compile(rb'\sr="[A-Z]{1,3}([0-9]{7,30})"')
 
 
 def read_tables(source: Source, selection: Selection) -> list[Table]:
@@ -48,6 +51,8 @@ def _check_size(source: Source) -> None:
         with zipfile.ZipFile(source.path) as archive:
             if bomb := overgrown(archive):
                 raise InputError.of(source.name, bomb, "Such a file is made to exhaust a machine; export it anew.")
+            if "xl/workbook.bin" in archive.namelist():
+                check_end(archive.read("xl/workbook.bin"))
             sheets = [m for m in archive.infolist() if _SHEET.fullmatch(m.filename)]
             extents = [(sheet.filename, *_extent(archive, sheet)) for sheet in sheets]
     except _damage() as error:
@@ -64,10 +69,12 @@ def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int
     Rows follow each other in a file, so that the last cell of each chunk and rows beyond a million are enough; where
     a row out of order could matter, every cell is looked at.
     """
+    if member.filename.endswith(".bin"):
+        return (_CELLS, 2) if member.file_size > _BINARY else extent_of(archive.read(member))
     width = height = 1
     for text in _chunks(archive, member):
         width = max([width, *(_position(letters) for letters in set(_FAR.findall(text)))])
-        last = text.rfind(b'<c r="')
+        last = text.rfind(b' r="')
         rows = set(_ROW_FAR.findall(text)) | set(_ROW.findall(text, max(last, 0)))
         height = max([height, *map(int, rows)])
     width = max(width, 26)
@@ -96,7 +103,8 @@ def _workbook(source: Source, stream: Any) -> Any:
     import python_calamine
 
     try:
-        return python_calamine.CalamineWorkbook.from_filelike(stream)
+        with panics():
+            return python_calamine.CalamineWorkbook.from_filelike(stream)
     except python_calamine.PasswordError:
         raise InputError.of(source.name, "the workbook is protected by a password", "Save it without one.") from None
     except _damage() as error:
@@ -131,7 +139,8 @@ def _grid(source: Source, book: Any, name: str) -> list[list[object]]:
     import python_calamine
 
     try:
-        grid: list[list[object]] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+        with panics():
+            grid: list[list[object]] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
     except python_calamine.WorksheetNotFound:
         return []  # a chart
     except _damage() as error:

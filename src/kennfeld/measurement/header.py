@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kennfeld.measurement.cells import Decimal, is_missing, number
-from kennfeld.measurement.units import looks_like_unit, plain_unit, split_name
+from kennfeld.measurement.units import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
 
 __all__ = ["Header", "find_header"]
 
 Row = Sequence[object]
 
+_LABELS = ("unit", "units", "einheit", "einheiten")  # what stands before the units of a row
+_HEADS = 5  # rows above the numbers in which names may stand
 _ENOUGH = 3  # rows of numbers that make a table; fewer may be settings above it
 
 
@@ -58,10 +60,63 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
             continue
         unit_row, data = found
         run = _run(filled[at:], shapes, data)
+        made = _header(rows, *_raised(rows, shapes, row, unit_row, data), data)
         if len(run) >= _ENOUGH or run[-1] == filled[-1] or not _settings(run, shapes):
-            return _header(rows, row, unit_row, data)
-        fallback = fallback or _header(rows, row, unit_row, data)
+            return made
+        fallback = fallback or made
     return fallback
+
+
+def _raised(
+    rows: Sequence[Row], shapes: Sequence[_Shape], row: int, unit_row: int | None, data: int
+) -> tuple[int, int | None]:
+    """Names and units, where the names stand some rows higher: above descriptions, types and units of the channels.
+
+    The word for time tells them from what else stands above a table.
+    """
+    if unit_row is None and _has_time(rows[row]):
+        unit_row = _units_above(rows, shapes, row)
+    for above in range(row - 1, max(row - _HEADS, -1), -1):
+        shape = shapes[above]
+        if shape.numbers or len(shape.texts) < len(shapes[row].texts):
+            break
+        covered = 2 * len(shape.texts & shapes[data].numbers) >= len(shapes[data].numbers)
+        if covered and _has_time(rows[above]) and _are_names(rows[above]):
+            below = [k for k in range(above + 1, data) if _shares_units(rows[k])]
+            return above, max(below, key=lambda k: _units_in(rows[k]), default=None)
+    return row, unit_row
+
+
+def _units_above(rows: Sequence[Row], shapes: Sequence[_Shape], row: int) -> int | None:
+    """The row above the names, if it holds nothing but units of them."""
+    if not row or shapes[row - 1].numbers or not shapes[row - 1].texts <= shapes[row].texts:
+        return None
+    return row - 1 if _units_in(rows[row - 1]) == len(shapes[row - 1].texts) >= 2 else None
+
+
+def _are_distinct(names: Sequence[str]) -> bool:
+    """Whether each is another one; the time may come again, for another group of channels."""
+    others = [name for name in names if time_unit(*split_name(name)) is None]
+    return len(set(others)) == len(others)
+
+
+def _has_time(row: Row) -> bool:
+    return any(time_unit(*split_name(str(cell))) is not None for cell in row if not _is_blank(cell))
+
+
+def _are_names(row: Row) -> bool:
+    """Whether all cells may be names of channels, and each is another one."""
+    names = [str(cell).strip() for cell in row if not _is_blank(cell)]
+    return _are_distinct(names) and all(name[0].isalpha() or name[0] in "_$%" for name in names)
+
+
+def _shares_units(row: Row) -> bool:
+    return 2 * _units_in(row) >= sum(not _is_blank(cell) for cell in row) > 0
+
+
+def _units_in(row: Row) -> int:
+    cells = [str(cell) for cell in row if not _is_blank(cell)]
+    return sum(looks_like_unit(cell) or in_seconds(cell) is not None for cell in cells)
 
 
 def _shape(row: Row, decimal: Decimal) -> _Shape:
@@ -107,7 +162,7 @@ def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
         return False
     cells = [str(row[i]).strip() for i in sorted(shape.texts)]
     above = [str(names[i]).strip() if i < len(names) else "" for i in sorted(shape.texts)]
-    if not all(above) or len(set(above)) < len(above):
+    if not all(above) or not _are_distinct(above):
         return False
     known = sum(looks_like_unit(cell) for cell in cells)
     return 2 * known >= len(cells) or len(set(cells)) < len(cells)
@@ -137,6 +192,7 @@ def _header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> H
     # `p [bar]` beside `p [kPa]`: only the full heads tell them apart
     names = [full if short.count(name) > raw.count(full) else name for name, full in zip(short, raw, strict=True)]
     below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
+    below = ["" if unit.casefold() in _LABELS else unit for unit in below]
     below += [""] * (len(names) - len(below))
     units = [unit or given for unit, (_, given) in zip(below, split, strict=False)]
     return Header(row, data, tuple(names), tuple(units))

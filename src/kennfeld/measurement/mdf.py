@@ -378,13 +378,13 @@ def _text(entry: _Entry, count: int, sample: str) -> Column:
 
 
 def _unit(entry: _Entry, channel: Any, signal: Any) -> str:
-    """The unit; of an enumeration, where the library takes the text for all other values for one, none."""
+    """The unit; of an enumeration, where the library takes a text for one, none."""
     if not entry.is_text_table:
         return plain_unit(str(signal.unit or ""))
-    others = (getattr(channel.conversion, "referenced_blocks", None) or {}).get("default_addr")
-    other = others.decode("utf-8", errors="replace").strip("\0 ") if isinstance(others, bytes) else ""
+    blocks = (getattr(channel.conversion, "referenced_blocks", None) or {}).values()
+    texts = {block.decode("utf-8", errors="replace").strip("\0 ") for block in blocks if isinstance(block, bytes)}
     unit = plain_unit(str(channel.unit or ""))
-    return "" if unit == other else unit
+    return "" if unit in texts else unit
 
 
 def _valid(samples: Any, invalid: Any) -> Float:

@@ -14,12 +14,26 @@ from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
 from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, locate
+from kennfeld.measurement.timelines import timelines
 
 __all__ = ["describe", "read"]
 
 # a format more is a module more: one that offers read_tables(source, selection)
-_READERS = {Kind.CSV: "text", Kind.EXCEL: "excel", Kind.PARQUET: "parquet", Kind.MDF: "mdf"}
-_RASTERS = {Kind.MDF}  # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
+_READERS = {
+    Kind.CSV: "text",
+    Kind.EXCEL: "excel",
+    Kind.PARQUET: "parquet",
+    Kind.MDF: "mdf",
+    Kind.MATLAB: "matlab",
+    Kind.HDF5: "matlab",
+    Kind.MLG: "mlg",
+    Kind.MSL: "msl",
+    Kind.HPTUNERS: "hptuners",
+    Kind.LVM: "lvm",
+}
+_TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS, Kind.LVM}  # kinds that may be packed by gzip
+# kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
+_RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
 
 
 def read(
@@ -29,7 +43,7 @@ def read(
     *,
     sheet: str | None = None,
 ) -> Dataset:
-    """The measurement in a file: CSV, Excel, Parquet or MDF, told by its content.
+    """The measurement in a file: CSV, Excel, Parquet, MDF, MATLAB or a log of a tuning tool, told by its content.
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
     Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
@@ -55,7 +69,10 @@ def read(
     tables = _tables(source, selection)
     if source.kind in _RASTERS:
         return join(source.name, tables, source.stem, selection, raster)
-    return assemble(_only(source, tables), source.stem, selection, raster)
+    parts = timelines(_only(source, tables), selection)
+    if len(parts) > 1:
+        return join(source.name, parts, source.stem, selection, raster)
+    return assemble(parts[0], source.stem, selection, raster)
 
 
 def describe(path: str | Path) -> Description:
@@ -74,7 +91,8 @@ def describe(path: str | Path) -> Description:
     findings = [finding for table in tables for finding in table.findings]
     if findings:
         raise InputError(findings)
-    return Description(source.name, source.kind.value, tuple(described(table) for table in tables))
+    parts = [part for table in tables for part in timelines(table, Selection())]
+    return Description(source.name, source.kind.value, tuple(described(part) for part in parts))
 
 
 _T = TypeVar("_T")
@@ -94,8 +112,10 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     source = _guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
-        raise InputError.of(source.name, what, "CSV, Excel (xlsx, xls, ods), Parquet and MDF files can.")
-    if source.packed and source.kind is not Kind.CSV:
+        raise InputError.of(
+            source.name, what, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
+        )
+    if source.packed and source.kind not in _TEXT:
         raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not Kind.EXCEL:
         what = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
@@ -104,7 +124,7 @@ def _located(path: str | Path, sheet: str | None) -> Source:
 
 
 def _article(kind: str) -> str:
-    spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "HTML", "HDF", "FMU", "XML"))
+    spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML"))
     return f"{'an' if spoken else 'a'} {kind}"
 
 

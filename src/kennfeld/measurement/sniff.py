@@ -1,5 +1,6 @@
 """What kind of file this is, told by its content; the file's name is never trusted."""
 
+import struct
 import zipfile
 from dataclasses import dataclass
 from enum import Enum
@@ -18,9 +19,12 @@ class Kind(Enum):
     EXCEL = "Excel"
     PARQUET = "Parquet"
     MDF = "MDF"
-    MLG = "MLG (TunerStudio log)"
+    MLG = "MLG"
+    MSL = "MSL"
+    HPTUNERS = "HP Tuners"
+    LVM = "LabVIEW"
     MATLAB = "MATLAB data"
-    HDF5 = "HDF5 (or MATLAB 7.3 data)"
+    HDF5 = "HDF5"
     MODEL = "Simulink model"
     FMU = "FMU"
     DCM = "DCM calibration"
@@ -40,6 +44,7 @@ _MAGIC = (
     (b"UnFinMF", Kind.MDF),
     (b"MLVLG", Kind.MLG),
     (b"MATLAB 5.0 MAT-file", Kind.MATLAB),
+    (b"MATLAB 7.", Kind.MATLAB),
     (b"\x89HDF\r\n", Kind.HDF5),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", Kind.EXCEL),
     (b"%PDF", Kind.PDF),
@@ -55,6 +60,8 @@ _WORDS = (
     (b"calibration values v", Kind.CVX),
     (b"asap2_version", Kind.A2L),
     (b"konservierung_format", Kind.DCM),
+    (b"hp tuners csv log file", Kind.HPTUNERS),
+    (b"labview measurement", Kind.LVM),
     (b"{", Kind.JSON),
 )
 _BOMS = (b"\xff\xfe", b"\xfe\xff")
@@ -141,12 +148,32 @@ def _kind(start: bytes) -> Kind:
     if start.startswith(_BOMS):
         return Kind.CSV
     if b"\0" in start:
-        return Kind.OTHER
+        return Kind.MATLAB if _is_matlab_4(start) else Kind.OTHER
     words = start.removeprefix(b"\xef\xbb\xbf").lstrip().lower()
     for word, kind in _WORDS:
         if words.startswith(word):
             return kind
-    return Kind.DCM if b"\nkonservierung_format" in words.replace(b"\r", b"\n") else Kind.CSV
+    if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
+        return Kind.DCM
+    return Kind.MSL if _is_log(words) else Kind.CSV
+
+
+def _is_matlab_4(start: bytes) -> bool:
+    """Whether an array of MATLAB's version 4 begins here: that version has no mark of its own."""
+    for order in ("<", ">"):
+        kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", start[:20].ljust(20, b"\0"))
+        name = start[20 : 20 + max(length, 1)]
+        sizes = rows >= 0 and columns >= 0 and imaginary in (0, 1) and 2 <= length <= 64
+        if kind // 1000 == (order == ">") and kind % 1000 // 10 in range(6) and kind % 10 < 3 and sizes:
+            return name.endswith(b"\0") and name[:-1].decode("latin-1").isidentifier()
+    return False
+
+
+def _is_log(words: bytes) -> bool:
+    """Whether lines of information in quotes stand above names that begin with the time, with tabs between them."""
+    lines = words.splitlines()
+    quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
+    return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
 
 
 def _zip_kind(file: Path) -> Kind:

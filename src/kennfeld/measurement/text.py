@@ -12,9 +12,11 @@ from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.clean import read_clean
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table, capped
 from kennfeld.measurement.dialect import Dialect, encoding_of, find_dialect, is_comment, split
+from kennfeld.measurement.marks import KEPT, is_mark, marks_detail
 from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.timing import find_time, seconds
 
-__all__ = ["read_tables"]
+__all__ = ["dialect_of", "lines_of", "read_exactly", "read_tables"]
 
 BULK = 8_000_000  # bytes; below it the import of pandas costs more than it saves
 _HEAD_LINES = 200
@@ -24,17 +26,18 @@ _BLOCK = 4096  # rows
 
 def read_tables(source: Source, selection: Selection) -> list[Table]:
     """The one table of a text file."""
-    dialect = _dialect(source)
+    dialect = dialect_of(source)
     if source.size > BULK:
         from kennfeld.measurement.bulk import read_bulk
 
         table = read_bulk(source, dialect, selection)
         if table is not None:
             return [table]
-    return [read_clean(source, dialect, selection) or _exact(source, dialect, selection)]
+    return [read_clean(source, dialect, selection) or read_exactly(source, dialect, selection)]
 
 
-def _dialect(source: Source) -> Dialect:
+def dialect_of(source: Source) -> Dialect:
+    """How the file is written; `InputError` where it holds no table."""
     with source.open() as stream:
         start = stream.read(1 << 16)
         whole = len(start) < 1 << 16
@@ -44,7 +47,7 @@ def _dialect(source: Source) -> Dialect:
     if whole and not start.startswith((codecs.BOM_UTF16_BE, codecs.BOM_UTF16_LE)):
         lines = io.StringIO(start.decode(encoding, "replace"), newline=None).read().split("\n")[:_HEAD_LINES]
     else:
-        lines = [line for _, line in _limited(_lines(source, encoding), _HEAD_LINES)]
+        lines = [line for _, line in _limited(lines_of(source, encoding), _HEAD_LINES)]
     return find_dialect(source.name, lines, encoding)
 
 
@@ -55,7 +58,7 @@ def _limited(lines: Iterator[tuple[int, str]], count: int) -> Iterator[tuple[int
         yield number_, line
 
 
-def _lines(source: Source, encoding: str) -> Iterator[tuple[int, str]]:
+def lines_of(source: Source, encoding: str) -> Iterator[tuple[int, str]]:
     """Line number, counted from 1, and line, without its end."""
     with io.TextIOWrapper(source.open(), encoding, errors="replace", newline=None) as stream:
         count = 0
@@ -76,6 +79,8 @@ class _Rows:
     decimal: Decimal
     numbers: list[int] = field(default_factory=list)
     odd: list[tuple[int, int]] = field(default_factory=list)  # line, cells
+    marks: list[tuple[int, str]] = field(default_factory=list)  # line, text
+    mark_count: int = 0
 
     def add(self, block: list[tuple[int, list[str]]]) -> None:
         if not block:
@@ -86,6 +91,11 @@ class _Rows:
         for i, builder in self.builders.items():
             builder.add(columns[i], self.decimal)
 
+    def mark(self, line: int, text: str) -> None:
+        self.mark_count += 1
+        if len(self.marks) < KEPT:
+            self.marks.append((line, text.strip(' "')))
+
     def _fitted(self, line: int, cells: list[str]) -> list[str]:
         if len(cells) == self.limit:
             return cells
@@ -94,7 +104,8 @@ class _Rows:
         return (cells + [""] * (self.limit - len(cells)))[: self.limit]
 
 
-def _exact(source: Source, dialect: Dialect, selection: Selection) -> Table:
+def read_exactly(source: Source, dialect: Dialect, selection: Selection) -> Table:
+    """The table, read line by line."""
     table, flipped = _pass(source, dialect, selection)
     if flipped is None:
         return table
@@ -112,7 +123,7 @@ def _pass(source: Source, dialect: Dialect, selection: Selection) -> tuple[Table
     builders = {i: ColumnBuilder(header.names[i], header.units[i], header.names[i]) for i in selection.wants(header)}
     rows = _Rows(header.width, len(header.names), builders, dialect.decimal)
     block: list[tuple[int, list[str]]] = []
-    for row in _cells(source, dialect):
+    for row in _cells(source, dialect, rows):
         block.append(row)
         if len(block) >= _BLOCK:
             rows.add(block)
@@ -126,15 +137,29 @@ def _pass(source: Source, dialect: Dialect, selection: Selection) -> tuple[Table
         findings=tuple(_odd_rows(source.name, rows)),
         details=dialect.details,
     )
+    if rows.mark_count:
+        table = replace(table, details=(*dialect.details, *_marks(table, rows)))
     return table, _other_decimal(table, dialect)
 
 
-def _cells(source: Source, dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
+def _marks(table: Table, rows: _Rows) -> tuple[tuple[str, str], ...]:
+    clock = find_time(table)
+    if clock is None:
+        return marks_detail([(None, text) for _, text in rows.marks], rows.mark_count)
+    time = seconds(clock)
+    at = [min(int(np.searchsorted(table.rows, line)), time.size - 1) for line, _ in rows.marks]
+    return marks_detail([(float(time[k]), text) for k, (_, text) in zip(at, rows.marks, strict=True)], rows.mark_count)
+
+
+def _cells(source: Source, dialect: Dialect, rows: _Rows) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each row of data."""
     separator, first = dialect.separator, dialect.header.data
     blank = separator + " \t"
     held, opened = "", 0  # a quoted cell may run over a few lines
-    for at, line in _lines(source, dialect.encoding):
+    for at, line in lines_of(source, dialect.encoding):
+        if is_mark(line, separator):
+            rows.mark(at, line)
+            continue
         if at <= first:
             continue
         if opened:
@@ -142,7 +167,7 @@ def _cells(source: Source, dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
         if line.count('"') % 2 and at - (opened or at) < 20:
             held, opened = line, opened or at
             continue
-        if line.strip(blank) and not is_comment(line):
+        if line.strip(blank) and not is_comment(line) and line not in dialect.repeated:
             yield opened or at, split(line, separator)
         opened = 0
     if opened:

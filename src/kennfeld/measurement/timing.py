@@ -1,6 +1,7 @@
 """Finds the column that holds the time of the samples and turns it into seconds."""
 
 from collections.abc import Collection, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from kennfeld.errors import Finding
 from kennfeld.measurement.columns import Column, Table, capped
 from kennfeld.measurement.units import in_seconds, plain_unit, time_unit
 
-__all__ = ["SAME", "find_time", "merge", "seconds", "time_findings"]
+__all__ = ["SAME", "find_time", "merge", "pieces", "seconds", "time_findings"]
 
 SAME = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
 
@@ -33,7 +34,8 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
         clock = column.dated or (in_seconds(column.unit) is not None and column.name not in asked)
         if column.name == first and clock and _is_usable(column) and _rises(column.values):
             return column
-    return None
+    dates = (column for column in table.columns if column.dated and column.name not in asked)
+    return next((column for column in dates if _is_usable(column) and _rises(column.values)), None)
 
 
 def _is_usable(column: Column) -> bool:
@@ -57,7 +59,11 @@ def seconds(column: Column) -> Float:
     """
     factor, divisor = in_seconds(time_unit(column.name, column.unit) or column.unit) or (1.0, 1.0)
     with np.errstate(invalid="ignore"):  # files hold NaNs that complain of being touched
-        elapsed: Float = column.values - column.values[0] if column.dated else column.values * factor / divisor
+        if column.dated:
+            # a difference of two large numbers; nobody stamps finer than that
+            known = column.values[~np.isnan(column.values)]
+            return np.asarray(np.round(column.values - (known[0] if known.size else 0.0), 9))
+        elapsed: Float = column.values * factor / divisor
     return elapsed
 
 
@@ -76,16 +82,29 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
     latest = np.maximum.accumulate(time)
     back = np.flatnonzero(time[1:] < time[:-1] - SAME) + 1
     found = [_backwards(table, column, time, int(k)) for k in back[:200]]
-    still = int(np.count_nonzero(time[1:] < latest[:-1] + SAME))
+    found = [] if table.restarts else found
+    still = int(np.count_nonzero(np.diff(time) < SAME if table.restarts else time[1:] < latest[:-1] + SAME))
     if not found and 2 * still > time.size:
         mend = "Write the time with more digits, or rename the column if it is no time."
         found = [Finding(f"{table.place}, column {column.place}", f"time stands still at {still} samples", mend)]
-    return capped(found, table.place, what, max(back.size - 200, 0))
+    return capped(found, table.place, what, 0 if table.restarts else max(back.size - 200, 0))
 
 
 def _backwards(table: Table, column: Column, time: Float, k: int) -> Finding:
     what = f"time goes backwards, from {time[k - 1]:.12g} s to {time[k]:.12g} s"
     return Finding(table.at(k, column), what, "Split the file here, or rename the column if it is no time.")
+
+
+def pieces(table: Table, time: Float) -> list[slice]:
+    """The samples of each piece: one, unless time may fall in this table, and does.
+
+    >>> table = Table("run.msl", (), np.arange(3), restarts=True)
+    >>> pieces(table, np.array([0.0, 1.0, 0.5]))
+    [slice(0, 2, None), slice(2, 3, None)]
+    """
+    falls = np.flatnonzero(np.diff(time) < -SAME) + 1 if table.restarts else np.empty(0, dtype=np.int64)
+    ends = [0, *falls.tolist(), time.size]
+    return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
 def merge(time: Float, columns: Sequence[Float]) -> tuple[Float, list[Float]]:

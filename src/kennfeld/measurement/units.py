@@ -2,7 +2,7 @@
 
 import re
 
-__all__ = ["in_seconds", "looks_like_unit", "may_be_time", "plain_unit", "split_name", "time_unit"]
+__all__ = ["in_seconds", "is_clock", "looks_like_unit", "may_be_time", "plain_unit", "split_name", "time_unit"]
 
 _WORDS = """
 s sec secs second seconds sek ms msec us µs μs usec ns min h hr d day
@@ -25,6 +25,7 @@ _SECONDS = {
 }
 _TIME = {word: scale for scale, words in _SECONDS.items() for word in words.split()}
 _TIME_NAME = re.compile(r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit|t)(?:[ _]([a-zµμ]+))?")
+_NUMBERED = re.compile(r"(?:time|zeit|timestamps?)[ _.]?\(?[0-9]+(?: ?m?s)?\)?|x_value|t_[0-9]+ ?m?s", re.IGNORECASE)
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*", re.DOTALL)
 _PARENTHESES = re.compile(r"(.*\S)\s*\(([^()]*)\)\s*", re.DOTALL)
 
@@ -94,4 +95,16 @@ def time_unit(name: str, unit: str) -> str | None:
 
 def may_be_time(name: str, unit: str) -> bool:
     """Whether a column is worth a look as the time of the samples."""
-    return time_unit(name, unit) is not None or in_seconds(unit) is not None
+    return time_unit(name, unit) is not None or is_clock(name, unit) or in_seconds(unit) is not None
+
+
+def is_clock(name: str, unit: str) -> bool:
+    """Whether a column is called like the time of a group: `time`, `time_2`, `Zeit_10ms`, LabVIEW's `X_Value`.
+
+    >>> is_clock("time_100ms", "s"), is_clock("t", ""), is_clock("Time", "min"), is_clock("Time", "%")
+    (True, False, True, False)
+    """
+    if name.casefold() == "t" and in_seconds(unit) is None:
+        return False
+    numbered = _NUMBERED.fullmatch(name.strip()) is not None
+    return time_unit(name, unit) is not None or (numbered and (not plain_unit(unit) or in_seconds(unit) is not None))

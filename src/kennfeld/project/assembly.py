@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.measurement.conversion import says_nothing
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
@@ -116,7 +117,7 @@ class _Assembling:
             return initial
         from kennfeld.surrogate import expansions
 
-        return expansions(self.surrogates).merged(initial)
+        return expansions(self.surrogates).merged(initial).from_origin(initial.origin)
 
     def _feasible(self, problem: Problem) -> Problem | None:
         """The problem, None where its limits contradict each other."""
@@ -189,16 +190,32 @@ class _Assembling:
         if function is not None:
             limits = [Limit(entry.node, entry.lower, entry.upper, entry.where) for entry in file.limits]
             targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
-        optional = {**weight_channels(file), **targets}
+        regions = weight_channels(file)
+        optional = {**regions, **targets}
         optional |= {name: why for name, why in quantiles.items() if name not in nodes}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
-        return Wanted(needed, optional, frozenset(needed), self._step())
+        complete = function is not None
+        return Wanted(needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step(), complete)
+
+    def _units(self) -> dict[str, tuple[str, str]]:
+        """The units that the function has for channels, those of its inputs before those of nodes with a target."""
+        file, graph = self.file, self.function.graph if self.function else None
+        if graph is None:
+            return {}
+        inputs = [(file.channels.get(name, name), name, "input") for name in graph.inputs]
+        nodes = [(e.target.name, e.node, "node") for e in file.criteria if e.target.kind in ("channel", "name")]
+        found: dict[str, tuple[str, str]] = {}
+        for channel, name, kind in [*inputs, *nodes]:
+            if not says_nothing(unit := graph.units.get(name, "")):
+                found.setdefault(channel, (unit, f"the {kind} {name}"))
+        return found
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of calculated channels that nothing uses; conditions may use any."""
         conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
+        conditions += " ".join(["", *(one.channel for entry in self.file.datasets for one in entry.steady)])
         if self.function is None:
             return
         used = {*calculated.needed(names), *calculated.broken}

@@ -8,6 +8,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding
 from kennfeld.graph.lowering import dependent
+from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize import Problem
 from kennfeld.optimize.problem import difference
 from kennfeld.parameters import Parameter
@@ -15,25 +16,13 @@ from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.project.toml import quoted
 
 __all__ = ["warnings_of"]
 
 _MISSING = 0.1  # share of samples without a value that is worth a word
 _OUTSIDE = 0.05  # share of samples beyond the ends of an axis that is worth a word
-_SAME_UNITS = (
-    ("rpm", "1/min", "min-1", "min^-1", "upm", "u/min", "rev/min", "r/min"),
-    ("deg", "°", "degree", "degrees", "grad"),
-    ("degc", "°c", "c", "celsius", "deg_c", "deg c"),
-    ("degcrk", "°crk", "°kw", "°ca", "degca", "deg_crk", "degkw", "degcrs"),
-    ("%", "pct", "percent"),
-    ("s", "sec", "second", "seconds"),
-    ("nm", "n.m", "n*m", "n m"),
-    ("mg/stk", "mg/hub", "mg/str", "mg/stroke", "mg/inj"),
-    ("km/h", "kmh", "kph"),
-    ("l/h", "l/hr"),
-    ("kg/h", "kg/hr"),
-)
-_UNIT = {unit: units[0] for units in _SAME_UNITS for unit in units}
+_ROUNDING = 1e-9  # of an axis; converted values miss its ends by as much
 
 
 def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
@@ -60,19 +49,14 @@ def _units(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
     for data in problem.datasets:
         for name, channel, kind in dict.fromkeys(pairs):
             own, recorded = units.get(name, ""), data[channel].unit if channel in data else ""
-            if _plain(own) and _plain(recorded) and _plain(own) != _plain(recorded):
-                what = f"channel {channel} is in {recorded}, the {kind} {name} of the function in {own}"
+            if says_nothing(own) or says_nothing(recorded) or (found := compare(recorded, own)) == "same":
+                continue
+            what = f"channel {channel} is in {recorded}, the {kind} {name} of the function in {own}"
+            if found == "contrary":
+                mend = f'Name another channel, or state its unit: [units] {quoted(channel)} = "{own}".'
+                yield places[data.name], f"{what}, which is another quantity", mend
+            else:
                 yield places[data.name], what, "Convert it in [calculated], or correct the unit."
-
-
-def _plain(unit: str) -> str:
-    """The unit without spelling; empty where it says nothing.
-
-    >>> _plain("1/min") == _plain("rpm"), _plain("-")
-    (True, '')
-    """
-    folded = unit.strip().casefold()
-    return "" if folded in ("-", "--", "1", "none") else _UNIT.get(folded, folded)
 
 
 def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
@@ -137,7 +121,8 @@ def _count(tally: list[float], x: Float, table: Parameter, axis: int) -> None:
     points = table.axes[axis].breakpoints
     known = x[np.isfinite(x)]
     if known.size:
-        tally[0] += int(np.count_nonzero((known < points[0]) | (known > points[-1])))
+        slack = _ROUNDING * (points[-1] - points[0])
+        tally[0] += int(np.count_nonzero((known < points[0] - slack) | (known > points[-1] + slack)))
         tally[1] += known.size
         tally[2], tally[3] = min(tally[2], float(known.min())), max(tally[3], float(known.max()))
 

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from kennfeld.errors import nearest
 
-__all__ = ["default_name", "matching", "near"]
+__all__ = ["CACHE", "default_name", "matching", "near"]
+
+CACHE = Path(".kennfeld") / "cache"  # beside the project file; what was read of files that take long
 
 
 def matching(folder: Path, pattern: str) -> list[str]:
@@ -16,10 +18,15 @@ def matching(folder: Path, pattern: str) -> list[str]:
             continue
         if (folder / part).is_file():
             return [f"{folder / part}{rest}"]
-        found = sorted(path for path in _globbed(folder, part) if path.is_file())
+        found = sorted(path for path in _globbed(folder, part) if path.is_file() and not _is_kept(path))
         if found:
             return [f"{path}{rest}" for path in found]
     return []
+
+
+def _is_kept(path: Path) -> bool:
+    """Whether a file is no recording, but what the cache keeps of one."""
+    return path.parts[-3:-1] == CACHE.parts
 
 
 def _globbed(folder: Path, pattern: str) -> list[Path]:

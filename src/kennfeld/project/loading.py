@@ -10,11 +10,16 @@ from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
+from kennfeld.measurement.cache import Cache
+from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize.data.binding import NEAR
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
-from kennfeld.project.files import default_name, matching, near
+from kennfeld.project.files import CACHE, default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
 from kennfeld.project.shift import refined, shifted
+from kennfeld.project.steady import steady_points
+from kennfeld.project.toml import quoted
+from kennfeld.project.units import Units, check_stated, restated
 
 __all__ = ["Loaded", "Wanted", "load"]
 
@@ -24,12 +29,17 @@ class Wanted:
     """The channels that a project reads, each with what it is for.
 
     Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
+    `units` are those that the function has for channels, each with whose it is; `in_formulas` the channels that
+    criteria weigh their samples by. Where the function could not be read, they are not `complete`.
     """
 
     required: Mapping[str, str] = field(default_factory=dict)
     optional: Mapping[str, str] = field(default_factory=dict)
     inputs: frozenset[str] = frozenset()
+    units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    in_formulas: frozenset[str] = frozenset()
     step: float | None = None
+    complete: bool = True
 
 
 @dataclass
@@ -46,10 +56,16 @@ class Loaded:
 def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: list[Finding]) -> Loaded:
     """All datasets that can be read, and what is wrong with the others."""
     loaded = Loaded()
+    units = Units(file.units, wanted.units)
+    formulas = {*wanted.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
+    used: set[str] = set()
     for entry in file.datasets:
         name = entry.name
         try:
-            made = _Loading(file, entry, wanted, calculated, findings, loaded).dataset()
+            work = _Loading(file, entry, wanted, calculated, findings, loaded, units)
+            formulas |= work.in_formulas
+            used |= work.used
+            made = work.dataset()
         except InputError as error:
             findings += error.findings
             made = None
@@ -66,6 +82,9 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
             if entry.unknown_shifts:
                 loaded.unknown_shifts[made.name] = entry.unknown_shifts
             loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
+    findings += units.remarks(formulas)
+    if wanted.complete:
+        findings += check_stated(file, used)
     return loaded
 
 
@@ -80,17 +99,31 @@ class _Loading:
         calculated: Calculated,
         findings: list[Finding],
         loaded: Loaded,
+        units: Units,
     ) -> None:
         self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
-        self.findings, self.loaded = findings, loaded
+        self.findings, self.loaded, self.units = findings, loaded, units
+        self.cache = Cache(file.folder / CACHE) if entry.cache else None
         self.where: Graph | None = None
         if entry.where:
             self.where = read_expression(entry.where, f"{entry.place} where", findings)
         conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
         weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
-        self.required = {**dict(wanted.required), **conditions, **weights}
+        steady = dict.fromkeys((one.channel for one in entry.steady), "the channel of `steady`")
+        self.required = {**dict(wanted.required), **conditions, **weights, **steady}
         self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
         self.failed = bool(entry.where) and self.where is None
+
+    @property
+    def in_formulas(self) -> set[str]:
+        """The channels whose numbers the entry speaks of."""
+        return {*(self.where.inputs if self.where else ()), *(one.channel for one in self.entry.steady)}
+
+    @property
+    def used(self) -> set[str]:
+        """The channels that the project reads or calculates for this dataset."""
+        needed = self.calculated.needed([*self.required, *self.optional])
+        return {*needed, *self._channels(), *self.calculated.graphs}
 
     def dataset(self) -> Dataset | None:
         """The dataset, or None where a finding says why there is none."""
@@ -121,7 +154,7 @@ class _Loading:
         yield from found
 
     def _check_shift(self) -> None:
-        used = {*self.calculated.needed([*self.required, *self.optional]), *self._channels(), *self.calculated.graphs}
+        used = self.used
         for name in (*(self.entry.shift or {}), *self.entry.unknown_shifts):
             if name not in used:
                 mend = nearest(name, used) or "Name a channel of the files or a calculated one."
@@ -136,27 +169,51 @@ class _Loading:
         return self.calculated.recorded([*self.required, *self.optional])
 
     def _parts(self, paths: Sequence[str]) -> Iterator[Dataset]:
+        """The files, their channels in the units of the function, or else in those of the first file."""
+        for path, part in self._recordings(paths):
+            yield self.units.converted(part, Path(path).name)
+
+    def _recordings(self, paths: Sequence[str]) -> Iterator[tuple[str, Dataset]]:
+        """The files that can be read, as recorded."""
         missed: dict[str, list[str]] = {}
         listed: dict[str, None] = {}
         for path in paths:
-            try:
-                yield read(path, self._channels() or None, self.entry.raster)
-            except InputError as error:
-                part = self._lenient(path, error, missed, listed)
-                if part is not None:
-                    yield part
+            part = self._recording(path, missed, listed)
+            if part is not None:
+                yield path, part
         self._report_missed(missed, listed)
 
-    def _lenient(
-        self, path: str, error: InputError, missed: dict[str, list[str]], listed: dict[str, None]
-    ) -> Dataset | None:
-        """The file without the optional channels that it lacks; keeps what it misses otherwise."""
+    def _recording(self, path: str, missed: dict[str, list[str]], listed: dict[str, None]) -> Dataset | None:
+        """The file, without the optional channels that it lacks; None, and findings, where it is of no use."""
+        asked = self._channels() or None, self.entry.raster
+        try:
+            names = None if self.cache is None else self.cache.failed(path, *asked)
+            if names is None:
+                return self._read(path, *asked)
+        except InputError as error:
+            names = self._names(path, error)
+            if names is None:
+                return None
+            if self.cache is not None:
+                self.cache.keep_failed(path, *asked, names)
+        return self._lenient(path, names, missed, listed)
+
+    def _read(self, path: str, channels: Sequence[str] | None, raster: float | None) -> Dataset:
+        return read(path, channels, raster) if self.cache is None else self.cache.read(path, channels, raster)
+
+    def _names(self, path: str, error: InputError) -> list[str] | None:
+        """All that a file has, where it cannot give what is asked for; None where it cannot be read at all."""
         try:
             tables = describe(path).tables
         except InputError:
             self._keep(error.findings)
             return None
-        names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+        return [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+
+    def _lenient(
+        self, path: str, names: Sequence[str], missed: dict[str, list[str]], listed: dict[str, None]
+    ) -> Dataset | None:
+        """The file without the optional channels that it lacks; keeps what it misses otherwise."""
         self.loaded.offered |= dict.fromkeys(names)
         absent = [name for name in self._channels() if name not in names]
         needed = [name for name in self.calculated.recorded(self.required) if name in absent]
@@ -167,7 +224,7 @@ class _Loading:
             self.failed = True
             return None
         try:
-            return read(path, [name for name in self._channels() if name not in absent], self.entry.raster)
+            return self._read(path, [name for name in self._channels() if name not in absent], self.entry.raster)
         except InputError as again:
             self._keep(again.findings)
             return None
@@ -179,7 +236,7 @@ class _Loading:
             names = ", ".join(list(listed)[:8]) + (", ..." if len(listed) > 8 else "")
             mend = nearest(channel, listed) or f"It has {names}."
             if why.startswith("the input ") and channel not in self.file.channels.values():
-                key = _key(channel)
+                key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 0.0."
                 mend = f'{mend} Name its channel in [channels]: {key} = "..."; {scalar}'
             self.findings.append(Finding(place, f"has no channel {channel}, {why}", mend))
@@ -211,8 +268,10 @@ class _Loading:
         units: dict[str, str] = {}
         for part in parts:
             for channel in part.channels:
+                if says_nothing(channel.unit):
+                    continue
                 first = units.setdefault(channel.name, channel.unit)
-                if channel.unit != first and channel.unit and first:
+                if channel.unit != first and compare(channel.unit, first) != "same":
                     what = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
                     place = f"{self.entry.place} files"
                     self.findings.append(Finding(place, what, "Split the dataset.", severity="warning"))
@@ -220,7 +279,8 @@ class _Loading:
 
     def _finished(self, dataset: Dataset) -> Dataset | None:
         shift = self.entry.shift or {}
-        dataset = self._held(dataset)
+        if not self.entry.steady:
+            dataset = self._held(dataset)
         if not self._fits_time(dataset, shift):
             return None
         dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
@@ -230,10 +290,20 @@ class _Loading:
                 what = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
                 self._keep([Finding(self.file.place(f"[calculated] {name}"), what, "Name the time channel `time`.")])
                 return None
-        dataset = self._chosen(self.calculated.added(dataset, names, shift))
+        stated = {name: unit for name, unit in self.file.units.items() if name in self.calculated.graphs}
+        dataset = self._chosen(restated(self.calculated.added(dataset, names, shift), stated))
+        if self.entry.steady:
+            return self._steady(dataset)
         if self.wanted.step is not None:
             dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
         return dataset
+
+    def _steady(self, dataset: Dataset) -> Dataset | None:
+        """The means over the plateaus, to be held where the entry asks for it too."""
+        if self.failed or any(one.channel not in dataset for one in self.entry.steady):
+            return None
+        points = steady_points(dataset, self.entry, self.findings)
+        return None if points is None else self._held(points)
 
     def _held(self, dataset: Dataset) -> Dataset:
         """The dataset as points to be held, whatever their time stamps, where the entry asks for it."""
@@ -249,6 +319,10 @@ class _Loading:
         if dataset.time is not None:
             return True
         good = True
+        if self.entry.steady:
+            mend = "Name the time channel `time`; leave steady out, if these are steady-state points."
+            self._report("steady", "plateaus are found in time, but the data have no time stamps", mend)
+            good = False
         for key, value in (("warmup", self.entry.warmup), ("max_gap", self.entry.max_gap)):
             if value > 0:
                 what = f"{key} = {value:g} s needs time, but the data have no time stamps"
@@ -279,7 +353,3 @@ class _Loading:
             if not scored.any():
                 self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
         return dataset if scored.all() else replace(dataset, scored=scored)
-
-
-def _key(name: str) -> str:
-    return name if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii() else f'"{name}"'

@@ -28,6 +28,7 @@ __all__ = [
     "ProjectFile",
     "Range",
     "RegionEntry",
+    "SteadyEntry",
     "StepEntry",
     "TargetEntry",
     "TermEntry",
@@ -45,6 +46,15 @@ class ModelEntry:
 
     file: str
     step: float | None = None
+
+
+@dataclass(frozen=True)
+class SteadyEntry:
+    """One condition of `steady`: the channel stays within a band of +-tolerance for at least `window` s."""
+
+    channel: str
+    window: float
+    tolerance: float
 
 
 @dataclass(frozen=True)
@@ -66,6 +76,8 @@ class DatasetEntry:
     settle: float | None = None
     average: float = 0.0
     step: float | None = None
+    steady: tuple[SteadyEntry, ...] = ()
+    cache: bool = True
 
 
 @dataclass(frozen=True)
@@ -191,6 +203,7 @@ class CalibrationEntry:
     """`[calibration]`; `output` as file endings."""
 
     initial: tuple[str, ...] = ()
+    descriptions: Mapping[str, str] = field(default_factory=dict)  # the A2L file of each image among them
     variant: str = ""
     output: tuple[str, ...] = ()
     free: tuple[str, ...] = ("*",)
@@ -246,6 +259,7 @@ class ProjectFile:
     equalities: tuple[EqualityEntry, ...] = ()
     steps: tuple[StepEntry, ...] = ()
     surrogates: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     @property

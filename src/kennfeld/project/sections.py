@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.project.channel_sections import channel_tables
 from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     CalibrationEntry,
@@ -17,14 +18,13 @@ from kennfeld.project.schema import (
     RegionEntry,
     TargetEntry,
 )
-from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.section import Section, finite
+from kennfeld.project.steady_section import check_steady, steady_entries
 from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import is_training, read_toml
 
 __all__ = ["read_datasets", "read_project"]
-
-_LATER_FORMATS = ("hex", "s19")
 
 
 def read_project(path: Path) -> ProjectFile:
@@ -34,12 +34,13 @@ def read_project(path: Path) -> ProjectFile:
     if is_training(tables):
         raise InputError.of(path.name, "this is a training file, no project", "Run `kennfeld surrogate train`.")
     root = Section(tables, path.name, findings)
+    channels, calculated = channel_tables(root)
     file = ProjectFile(
         path=path,
         name=path.resolve().parent.name if path.stem == "kennfeld" else path.stem,
         model=_model(root),
-        channels=root.text_table("channels"),
-        calculated=root.text_table("calculated"),
+        channels=channels,
+        calculated=calculated,
         datasets=read_datasets(root),
         calibration=_calibration(root),
         axes={name: group_axis(name, section) for name, section in root.named("axes").items()},
@@ -50,6 +51,7 @@ def read_project(path: Path) -> ProjectFile:
         equalities=tuple(equality_entry(section) for section in root.sections("equality")),
         steps=steps(root),
         surrogates=root.text_table("surrogates"),
+        units=root.text_table("units"),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
     )
     _end(root)
@@ -61,7 +63,7 @@ def read_project(path: Path) -> ProjectFile:
 def _end(root: Section) -> None:
     """Report sections that no project file has, and keys that stand before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
-    more = ("limit", "equality", "optimizer", "step", "surrogates")
+    more = ("limit", "equality", "optimizer", "step", "surrogates", "units")
     for key, value in root.values.items():
         if key not in (*known, *more):
             what = "section" if isinstance(value, dict | list) else "key"
@@ -109,8 +111,11 @@ def _dataset(section: Section) -> DatasetEntry:
         settle=section.number("settle", 0.0, 0.0, above=True) or None,
         average=section.number("average", 0.0, 0.0),
         step=section.number("step", 0.0, 0.0, above=True) or None,
+        steady=steady_entries(section),
+        cache=section.flag("cache") is not False,
     )
     _check_settling(section, entry)
+    check_steady(section, entry)
     section.end()
     return entry
 
@@ -123,7 +128,7 @@ def _check_settling(section: Section, entry: DatasetEntry) -> None:
                 section.report(key, f"{key} has no meaning without settle", "Write settle = ... in s, or remove it.")
         return
     for key in ("raster", "warmup", "max_gap"):
-        if section.has(key):
+        if section.has(key) and not section.has("steady"):  # which makes points of a recording first
             section.report(key, f"{key} is for recordings in time, settle for steady-state points", "Remove one.")
     for key, value in (("average", entry.average), ("step", entry.step)):
         if entry.settle is not None and value is not None and value > entry.settle:
@@ -148,8 +153,10 @@ def _calibration(root: Section) -> CalibrationEntry:
     section = root.section("calibration")
     if section is None:
         return CalibrationEntry()
+    initial, descriptions = _initial(section)
     entry = CalibrationEntry(
-        initial=section.texts("initial"),
+        initial=initial,
+        descriptions=descriptions,
         variant=section.text("variant"),
         output=tuple(ending for word in section.texts("output") if (ending := _ending(section, word))),
         free=section.texts("free") if section.has("free") else ("*",),
@@ -164,12 +171,34 @@ def _ending(section: Section, word: str) -> str:
     if ending in endings():
         return ending
     known = [known.removeprefix(".") for known in endings()]
-    if ending.removeprefix(".") in _LATER_FORMATS:
-        section.report("output", f"the format {word!r} {NEXT}", f"Choose from {', '.join(known)}.")
-    else:
-        mend = nearest(word, known) or f"Choose from {', '.join(known)}."
-        section.report("output", f"{word!r} is no calibration format", mend)
+    mend = nearest(word, known) or f"Choose from {', '.join(known)}."
+    section.report("output", f"{word!r} is no calibration format", mend)
     return ""
+
+
+def _initial(section: Section) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The initial files, and the A2L file of each image among them."""
+    value = section.get("initial")
+    if value is None:
+        return (), {}
+    names: list[str] = []
+    descriptions: dict[str, str] = {}
+    for item in value if isinstance(value, list) else [value]:
+        if isinstance(item, dict):
+            inner = Section(item, f"{section.place} initial", section.findings)
+            name, description = inner.text("hex"), inner.text("a2l")
+            inner.end()
+            if not name:
+                inner.report("hex", "the key is missing", 'Write initial = { a2l = "ecu.a2l", hex = "ecu.hex" }.')
+                continue
+            names.append(name)
+            if description:
+                descriptions[name] = description
+        elif isinstance(item, str) and item.strip():
+            names.append(item)
+        else:
+            section.report("initial", f"{item!r} is no file", 'Write "start.dcm" or { a2l = "...", hex = "..." }.')
+    return tuple(dict.fromkeys(names)), descriptions
 
 
 def _criteria(root: Section) -> tuple[CriterionEntry, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from kennfeld.errors import Finding, InputError, nearest
 
-__all__ = ["is_training", "read_toml"]
+__all__ = ["is_training", "quoted", "read_toml"]
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _WIDEST = 120
@@ -77,3 +77,14 @@ def _syntax_mend(what: str, line: str) -> str:
     if "Invalid value" in what:
         return 'Text needs quotes: "text".'
     return "Write key = value."
+
+
+def quoted(name: str) -> str:
+    r"""A name as a key of the file: in quotes where it needs them.
+
+    >>> print(quoted("n_rpm"), quoted("air mass"), quoted(r"n\ETKC:1"))
+    n_rpm "air mass" 'n\ETKC:1'
+    """
+    if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii():
+        return name
+    return f"'{name}'" if "\\" in name or '"' in name else f'"{name}"'

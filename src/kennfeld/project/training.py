@@ -22,7 +22,7 @@ from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
 __all__ = ["Training", "read_training"]
 
-SECTIONS = ("surrogate", "calculated", "dataset")
+SECTIONS = ("surrogate", "calculated", "dataset", "units")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +110,7 @@ def read_training(path: str | Path) -> Training:
         parameters={},
         criteria=(),
         optimizer=OptimizerEntry(),
+        units=root.text_table("units"),
     )
     _check_datasets(root)
     for key in root.values:

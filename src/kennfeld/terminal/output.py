@@ -19,9 +19,11 @@ def complain(*problems: Finding | str) -> None:
     """Print problems on stderr, each in one line; the excerpt that shows the place follows below."""
     for problem in problems:
         excerpt = problem.excerpt.splitlines() if isinstance(problem, Finding) else []
-        warns = isinstance(problem, Finding) and problem.severity == "warning"
+        severity = problem.severity if isinstance(problem, Finding) else "error"
         line = " ".join(str(problem).split("\n"))
-        _print(sys.stderr, [f"warning: {line}" if warns else line, *(f"    {text}" for text in excerpt)])
+        _print(
+            sys.stderr, [line if severity == "error" else f"{severity}: {line}", *(f"    {text}" for text in excerpt)]
+        )
 
 
 def _print(stream: TextIO, lines: Iterable[str]) -> None:

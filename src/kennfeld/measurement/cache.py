@@ -1,0 +1,243 @@
+"""Keeps recordings that take long to read, so that the next run need not read them again.
+
+A folder holds two sorts of files. `<file>.json` is what is known of a measurement file: its size, its times of change
+and the hash of its content. `<content>-<selection>-<check>.parquet` is what was read of a content: `check` is the hash
+of the entry itself, so that a damaged one is none. Whatever goes wrong here, the file itself is read.
+"""
+
+import contextlib
+import json
+import math
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from kennfeld.dataset import Dataset
+from kennfeld.measurement.entry import packed, unpacked
+from kennfeld.measurement.reader import read
+from kennfeld.measurement.sniff import Kind, Source, locate
+from kennfeld.whole_files import write_whole
+
+__all__ = ["Cache"]
+
+_WORTH = {Kind.MDF: 0.0, Kind.PARQUET: math.inf, Kind.CSV: 0.5}  # s; what reads MDF takes longer than that to load
+_WORTH_ELSE = 0.2
+_MOST = 2_000_000_000  # bytes of a folder
+_SETTLED = 2_000_000_000  # ns; a file that was changed that shortly before it was looked at may change unnoticed
+_STALE = 3600.0  # s; what is half written for longer belongs to a process that is gone
+_ERRORS = (OSError, ValueError, KeyError, TypeError, RecursionError)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A measurement file as it was when its content was hashed; `failed` are selections that it cannot give."""
+
+    size: int
+    changed: tuple[int, int]  # ns: when the content was, and when anything of the file was
+    at: int  # ns
+    content: str
+    failed: dict[str, list[str]] = field(default_factory=dict)
+
+    def holds(self, stat: os.stat_result) -> bool:
+        """Whether the file is the same without a look at its content."""
+        same = (self.size, *self.changed) == (stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+        return same and self.at - max(self.changed) > _SETTLED
+
+
+@dataclass(frozen=True)
+class Cache:
+    """The recordings kept in a folder, which is made when there is something to keep.
+
+    >>> Cache(Path(".kennfeld/cache")).read("drive.mf4", ["Speed"], raster=0.1)  # doctest: +SKIP
+    """
+
+    folder: Path
+    most: int = _MOST
+
+    def read(self, path: str | Path, channels: Sequence[str] | None = None, raster: float | None = None) -> Dataset:
+        """The same as `kennfeld.measurement.read`, and raises the same; from the folder where it holds it."""
+        source = locate(path)
+        known = self._found(source, channels, raster)
+        if known is not None:
+            return known
+        before, began = source.path.stat(), time.perf_counter()
+        made = read(path, channels, raster)
+        if time.perf_counter() - began >= _WORTH.get(source.kind, _WORTH_ELSE):
+            with contextlib.suppress(*_ERRORS):
+                self._keep(source, before, _key(source, channels, raster), made)
+        return made
+
+    def failed(self, path: str | Path, channels: Sequence[str] | None, raster: float | None) -> list[str] | None:
+        """The names that a file has instead of these channels, where that was found out before and took long."""
+        source = locate(path)
+        with contextlib.suppress(*_ERRORS):
+            seen = self._seen(source)
+            return None if seen is None else seen.failed.get(_key(source, channels, raster))
+        return None
+
+    def keep_failed(
+        self, path: str | Path, channels: Sequence[str] | None, raster: float | None, names: Sequence[str]
+    ) -> None:
+        """Keep the names that a file has instead of these channels."""
+        source = locate(path)
+        if source.kind is not Kind.MDF:  # the others tell their names at once
+            return
+        with contextlib.suppress(*_ERRORS):
+            seen = self._seen(source) or _looked_at(source.path)
+            self._note(source, seen, {**seen.failed, _key(source, channels, raster): list(names)})
+
+    def _found(self, source: Source, channels: Sequence[str] | None, raster: float | None) -> Dataset | None:
+        with contextlib.suppress(*_ERRORS):
+            seen = self._seen(source)
+            if seen is None:
+                return None
+            for entry in self.folder.glob(f"{seen.content}-{_key(source, channels, raster)}-*.parquet"):
+                made = _read_entry(entry, source.stem)
+                if made is not None:
+                    return made
+        return None
+
+    def _seen(self, source: Source) -> _Seen | None:
+        """What is known of a file, if it still has the content that it had; else its entries go."""
+        if not self.folder.is_dir():
+            return None
+        note = self._note_of(source)
+        if not note.is_file():
+            return None
+        seen = _from_json(note.read_bytes())
+        if seen.holds(source.path.stat()):
+            return seen
+        now = _looked_at(source.path)
+        if now.content == seen.content:
+            self._note(source, now, seen.failed)
+            return seen
+        for entry in self.folder.glob(f"{seen.content}-*.parquet"):
+            _remove(entry)
+        _remove(note)
+        return None
+
+    def _keep(self, source: Source, before: os.stat_result, key: str, dataset: Dataset) -> None:
+        content = packed(dataset)
+        if content is None or len(content) > self.most:
+            return
+        seen = self._seen(source) or _looked_at(source.path)
+        after = source.path.stat()
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+            return  # it may have changed while it was read
+        self._make()
+        write_whole(self.folder / f"{seen.content}-{key}-{_hash(content)}.parquet", content)
+        self._note(source, seen, seen.failed)
+        self._bound()
+
+    def _make(self) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        ignored = self.folder / ".gitignore"
+        if not ignored.exists():
+            write_whole(ignored, "*\n")
+
+    def _note_of(self, source: Source) -> Path:
+        return self.folder / f"{_hash(str(source.path.resolve()).encode('utf-8', 'surrogateescape'))}.json"
+
+    def _note(self, source: Source, seen: _Seen, failed: dict[str, list[str]]) -> None:
+        self._make()
+        said = {"file": str(source.path), **asdict(seen), "failed": failed}
+        write_whole(self._note_of(source), json.dumps(said))
+
+    def _bound(self) -> None:
+        """Remove what was used longest ago, until the folder is no larger than it may be."""
+        entries = sorted(self._entries(), reverse=True)
+        total = 0
+        for _, size, entry in entries:
+            total += size
+            if total > self.most:
+                _remove(entry)
+        for half in self.folder.glob(".*-*"):
+            if time.time() - half.stat().st_mtime > _STALE:
+                _remove(half)
+
+    def _entries(self) -> Iterator[tuple[int, int, Path]]:
+        """When each entry was used last, its size, and its path."""
+        for entry in self.folder.glob("*.parquet"):
+            with contextlib.suppress(OSError):  # another run may remove it
+                stat = entry.stat()
+                yield stat.st_mtime_ns, stat.st_size, entry
+
+
+def _read_entry(entry: Path, name: str) -> Dataset | None:
+    """The recording of an entry; None, and the entry goes, where it is not what was written."""
+    content = entry.read_bytes()
+    made = unpacked(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
+    if made is None:
+        _remove(entry)
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(entry)
+    return made
+
+
+def _looked_at(path: Path) -> _Seen:
+    """The file as it is now. Raises `OSError`."""
+    at, stat = time.time_ns(), path.stat()
+    import hashlib
+
+    with path.open("rb") as file:
+        content = hashlib.file_digest(file, _digest).hexdigest()
+    return _Seen(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content)
+
+
+def _from_json(text: bytes) -> _Seen:
+    """What was noted of a file. Raises `ValueError`, `KeyError` or `TypeError` where the note is damaged."""
+    said: dict[str, Any] = json.loads(text)
+    first, second = said["changed"]
+    failed = {str(key): [str(name) for name in names] for key, names in dict(said["failed"]).items()}
+    return _Seen(int(said["size"]), (int(first), int(second)), int(said["at"]), _word(said["content"]), failed)
+
+
+def _word(text: str) -> str:
+    """A hash as it stands in names of files, never a path or a pattern."""
+    if not (isinstance(text, str) and text.isalnum()):
+        raise ValueError(f"{text!r} is no hash")
+    return text
+
+
+def _key(source: Source, channels: Sequence[str] | None, raster: float | None) -> str:
+    """What is read of a file, and by which reader."""
+    asked = None if channels is None else list(dict.fromkeys(channels))
+    step = None if raster is None else float(raster).hex()
+    said = [_readers(), source.kind.value, source.sheet, asked, step]
+    return _hash(json.dumps(said).encode())
+
+
+@cache
+def _readers() -> list[Any]:
+    """What the readers are made of: their text, and the libraries installed. With another one, what is read may be."""
+    texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
+    libraries = []
+    for library in ("asammdf", "python_calamine", "pandas", "h5py"):
+        with contextlib.suppress(ImportError, ValueError, OSError):
+            found = find_spec(library)
+            stat = Path(found.origin).stat() if found and found.origin else None
+            libraries.append([library, stat and stat.st_size, stat and stat.st_mtime_ns])
+    return [_hash(b"\0".join(texts)), libraries]
+
+
+def _digest() -> Any:
+    import hashlib  # not needed where there is nothing to look up
+
+    return hashlib.blake2b(digest_size=20)
+
+
+def _hash(content: bytes) -> str:
+    digest = _digest()
+    digest.update(content)
+    return str(digest.hexdigest())
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink(missing_ok=True)

@@ -1,0 +1,156 @@
+"""Reads MATLAB files as measurements: vectors with a time, structs, matrices, of versions 4 to 7.3."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from kennfeld.errors import Finding, InputError
+from kennfeld.measurement import matlab_v4, matlab_v5, matlab_v73
+from kennfeld.measurement.columns import Column, Selection, Table
+from kennfeld.measurement.description import TableDescription, described
+from kennfeld.measurement.matlab_signals import Clock, Found, Signal, find_signals
+from kennfeld.measurement.matlab_tree import DamageError, Node
+from kennfeld.measurement.naming import distinct
+from kennfeld.measurement.sniff import Kind, Source, locate
+
+__all__ = ["describe_tables", "holds_samples", "read_tables"]
+
+_TIME = "time"
+_SAID = 8  # variables that a message lists
+_PLAIN = (
+    "In MATLAB, save its values as plain vectors or in a struct, beside a vector `time`; "
+    "table2struct(T, ToScalar=true) makes one of a table."
+)
+
+
+def read_tables(source: Source, selection: Selection) -> list[Table]:
+    """A table for each time in the file that has a channel asked for."""
+    return _tables(source, _found(source), selection)
+
+
+def _tables(source: Source, found: Found, selection: Selection) -> list[Table]:
+    names = _names(found.clocks)
+    chosen = _chosen(source.name, found, names, selection)
+    tables = [_table(source, clock, chosen, found, names) for clock in found.clocks]
+    wanted = [table for table in tables if len(table.columns) > (table.clock is not None)]
+    return wanted or tables[:1]
+
+
+def describe_tables(source: Source) -> list[TableDescription]:
+    """What is sampled at each time, and what was left aside."""
+    found = _found(source)
+    first, *others = _tables(source, found, Selection())
+    return [described(table) for table in (_remarked(first, found), *others)]
+
+
+def holds_samples(path: str | Path) -> bool:
+    """Whether a MATLAB file holds channels over time, rather than parameters; `InputError` where it is damaged.
+
+    >>> holds_samples("bench.mat")  # doctest: +SKIP
+    True
+    """
+    return any(clock.values is not None for clock in _all(locate(path)).clocks)
+
+
+def _all(source: Source) -> Found:
+    file = "HDF5 file" if source.kind is Kind.HDF5 else "MATLAB file"
+    try:
+        return find_signals(_variables(source))
+    except DamageError as error:
+        what = f"the {file} is damaged: {error}"
+    except InputError:
+        raise
+    except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
+        what = f"the {file} is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
+    raise InputError.of(source.name, what, "Save it anew.")
+
+
+def _variables(source: Source) -> dict[str, Node]:
+    with source.open() as stream:
+        start = stream.read(9)
+    if source.kind is Kind.HDF5 and not matlab_v73.is_matlab(source.path):
+        what = "this is an HDF5 file, but not one of MATLAB"
+        raise InputError.of(source.name, what, "Export it as MDF, CSV or Parquet.")
+    if source.kind is Kind.HDF5 or start == b"MATLAB 7.":
+        return matlab_v73.load(source.path)
+    content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
+    return matlab_v5.load(content) if start.startswith(b"MATLAB") else matlab_v4.load(content)
+
+
+def _found(source: Source) -> Found:
+    """The channels of the file; a finding where there are none."""
+    found = _all(source)
+    if found.clocks:
+        return found
+    if found.unreadable and not found.loose:
+        what = f"holds nothing that can be read without MATLAB: {_listed(found.unreadable)}"
+        raise InputError.of(source.name, what, _PLAIN)
+    if found.loose:
+        sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
+        what = f"none of its arrays is a time, nor are they vectors of one length: {_listed(sizes)}"
+        raise InputError.of(source.name, what, "Save a vector `time`, in seconds, as long as the channels.")
+    raise InputError.of(source.name, "holds no vectors", "Is it the right file?")
+
+
+def _listed(said: dict[str, str]) -> str:
+    more = f" and {len(said) - _SAID} more" if len(said) > _SAID else ""
+    return ", ".join(f"{path} ({what})" for path, what in list(said.items())[:_SAID]) + more
+
+
+def _names(clocks: Sequence[Clock]) -> dict[Signal, str]:
+    """The name of each channel: its last part, or its path where others are called the same."""
+    signals = [signal for clock in clocks for signal in clock.signals]
+    count = Counter([_TIME, *(signal.name for signal in signals)])
+    names = [signal.name if count[signal.name] == 1 else signal.path for signal in signals]
+    return dict(zip(signals, distinct([_TIME, *names])[1:], strict=True))
+
+
+def _chosen(place: str, found: Found, names: dict[Signal, str], selection: Selection) -> dict[Signal, str]:
+    """The channels asked for, by their name or their path, with the name to give them."""
+    if selection.channels is None:
+        return names
+    chosen: dict[Signal, str] = {}
+    findings = []
+    for asked in selection.channels:
+        meant = [s for s, name in names.items() if name == asked] or [s for s in names if asked in (s.path, s.name)]
+        if len(meant) == 1:
+            chosen[meant[0]] = asked
+        elif meant:
+            listed = ", ".join(names[signal] for signal in meant[:_SAID])
+            findings.append(Finding(place, f"{len(meant)} channels are called {asked}", f"Name one of them: {listed}."))
+        elif asked in found.unreadable:
+            findings.append(Finding(place, f"{asked} ({found.unreadable[asked]}) is read by MATLAB alone", _PLAIN))
+        elif asked in found.loose:
+            size = " x ".join(map(str, found.loose[asked]))
+            mend = "Save it with a vector `time` of its length."
+            findings.append(Finding(place, f"{asked} is of size {size}, and no time is as long", mend))
+    if findings:
+        raise InputError(findings)
+    return chosen
+
+
+def _table(source: Source, clock: Clock, chosen: dict[Signal, str], found: Found, names: dict[Signal, str]) -> Table:
+    own = [signal for signal in clock.signals if signal in chosen]
+    columns = [Column(chosen[s], s.unit, chosen[s], s.values, held=s.held, description=s.description) for s in own]
+    time = None if clock.values is None else Column(_TIME, clock.unit, _TIME, clock.values)
+    several = len(found.clocks) > 1
+    return Table(
+        f"{source.name} {clock.path}" if several else source.name,
+        (*(() if time is None else (time,)), *columns),
+        np.arange(1, clock.signals[0].values.size + 1),
+        "sample",
+        (*(() if time is None else (_TIME,)), *(chosen.get(s, names[s]) for s in clock.signals)),
+        details=(("group", clock.path),) if several else (),
+        clock=time,
+    )
+
+
+def _remarked(table: Table, found: Found) -> Table:
+    sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
+    more = [
+        (word, _listed(what)) for word, what in (("only for MATLAB", found.unreadable), ("left out", sizes)) if what
+    ]
+    return replace(table, details=(*table.details, *more))

@@ -1,0 +1,136 @@
+"""Reads MATLAB files of version 7.3, which are HDF5 files, into a tree.
+
+MATLAB turns arrays around, so that the first dimension is the last one of the file. A struct is a group, an array of
+structs a group of datasets with references, a cell array one dataset of them; MATLAB_class, an attribute, is the kind.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kennfeld.measurement.matlab_tree import (
+    MOST_BYTES,
+    MOST_NODES,
+    PACKING,
+    Cells,
+    DamageError,
+    Node,
+    Numbers,
+    Struct,
+    Structs,
+    Text,
+    Unreadable,
+)
+
+__all__ = ["is_matlab", "load"]
+
+_DEEPEST = 50
+_NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+
+
+def load(path: Path) -> dict[str, Node]:
+    """The variables of a file; `DamageError` where it claims what it cannot hold."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return _Loader().variables(file)
+
+
+def is_matlab(path: Path) -> bool:
+    """Whether an HDF5 file is one of MATLAB."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return any("MATLAB_class" in item.attrs for _, item in _own(file))
+
+
+def _own(group: Any) -> list[tuple[str, Any]]:
+    """The members that lie in the group itself; links to other places and files are not followed."""
+    import h5py
+
+    names = [name for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
+    return [(name, group[name]) for name in names if not name.startswith("#")]
+
+
+class _Loader:
+    """Counts what it reads."""
+
+    def __init__(self) -> None:
+        self.nodes = self.bytes = 0
+
+    def variables(self, file: Any) -> dict[str, Node]:
+        return {name: self._node(item, 0) for name, item in _own(file)}
+
+    def _node(self, item: Any, depth: int) -> Node:
+        import h5py
+
+        self.nodes += 1
+        if self.nodes > MOST_NODES:
+            raise DamageError(f"it holds more than {MOST_NODES} arrays")
+        if depth > _DEEPEST:
+            raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
+        kind = _class(item)
+        if "MATLAB_object_decode" in item.attrs and kind != "function_handle":
+            return Unreadable(kind or "object")
+        if isinstance(item, h5py.Group):
+            return self._struct(item, depth) if "MATLAB_sparse" not in item.attrs else Unreadable("sparse matrix")
+        if not isinstance(item, h5py.Dataset):
+            return Unreadable(kind or "object")
+        return self._dataset(item, kind, depth)
+
+    def _struct(self, group: Any, depth: int) -> Node:
+        import h5py
+
+        members = _own(group)
+        arrays = [m for _, m in members if isinstance(m, h5py.Dataset) and _refers(m) and not _class(m)]
+        if not arrays or len(arrays) < len(members):
+            return Struct({name: self._node(member, depth + 1) for name, member in members})
+        count = min(member.size for member in arrays)
+        if count > MOST_NODES:
+            raise DamageError(f"{group.name} claims {count} structs")
+        targets = {name: self._targets(member) for name, member in members}
+        return Structs(
+            [Struct({n: self._reference(group, t[k], depth) for n, t in targets.items()}) for k in range(count)]
+        )
+
+    def _targets(self, dataset: Any) -> list[Any]:
+        """The references of a dataset, in MATLAB's order."""
+        self._check(dataset)
+        return list(np.asarray(dataset[()], dtype=object).ravel())  # turned around twice: column by column
+
+    def _reference(self, item: Any, reference: Any, depth: int) -> Node:
+        return self._node(item.file[reference], depth + 1) if reference else Unreadable("nothing")
+
+    def _dataset(self, dataset: Any, kind: str, depth: int) -> Node:
+        if dataset.attrs.get("MATLAB_empty", 0):
+            return Text("") if kind == "char" else Numbers(np.empty((0, 0)))
+        if _refers(dataset):
+            return Cells([self._reference(dataset, target, depth) for target in self._targets(dataset)])
+        if dataset.shape is None or dataset.dtype.kind not in "buif":
+            return Unreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
+        if kind not in (*_NUMBERS, "char", ""):
+            return Unreadable(kind)
+        self._check(dataset)
+        values = np.asarray(dataset[()]).T
+        if kind == "char":
+            return Text("".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist())))
+        return Numbers(values, kind not in ("double", "single", ""))
+
+    def _check(self, dataset: Any) -> None:
+        """Refuse what the file cannot hold; the library would ask for that memory."""
+        self.bytes += dataset.nbytes
+        stored = dataset.id.get_storage_size()
+        if self.bytes > MOST_BYTES or dataset.nbytes > PACKING * (stored + 8) or dataset.external or dataset.is_virtual:
+            raise DamageError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
+
+
+def _class(item: Any) -> str:
+    kind = item.attrs.get("MATLAB_class", b"")
+    return kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+
+
+def _refers(dataset: Any) -> bool:
+    import h5py
+
+    return h5py.check_ref_dtype(dataset.dtype) is h5py.Reference

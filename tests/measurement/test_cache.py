@@ -1,0 +1,292 @@
+"""Recordings that need not be read twice."""
+
+import os
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import cache as caching
+from kennfeld.measurement import read
+from kennfeld.measurement.cache import Cache
+
+TEXT = "time [s],Speed [rpm],Torque [Nm]\n0,1000,10\n0.1,1100,\n0.2,1200,12\n"
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """A file, and a cache that keeps whatever is read."""
+    monkeypatch.setattr(caching, "_WORTH", {})
+    monkeypatch.setattr(caching, "_WORTH_ELSE", 0.0)
+    return Shelf(tmp_path, monkeypatch)
+
+
+class Shelf:
+    def __init__(self, folder, monkeypatch):
+        self.folder, self.file = folder / "cache", folder / "bench.csv"
+        self.patch = monkeypatch
+        self.cache = Cache(self.folder)
+        self.reads = 0
+        self.write(TEXT)
+        monkeypatch.setattr(caching, "read", self._read)
+
+    def _read(self, *arguments):
+        self.reads += 1
+        return read(*arguments)
+
+    def write(self, text):
+        self.file.write_text(text, encoding="utf-8")
+        self.age()
+
+    def age(self, seconds=1e5):
+        """As if it had been written long ago."""
+        stat = self.file.stat()
+        os.utime(self.file, ns=(stat.st_atime_ns, stat.st_mtime_ns - int(seconds * 1e9)))
+
+    @property
+    def entries(self):
+        return sorted(self.folder.glob("*.parquet"))
+
+    def speed(self, *arguments):
+        return self.cache.read(self.file, *arguments)["Speed"].values.tolist()
+
+
+def test_a_second_read_gives_the_same_without_the_reader(kept):
+    first, second = kept.cache.read(kept.file), kept.cache.read(kept.file)
+    assert kept.reads == 1
+    assert second.name == first.name == "bench"
+    assert second.time.tolist() == first.time.tolist()
+    for one, other in zip(first.channels, second.channels, strict=True):
+        assert (one.name, one.unit, one.description) == (other.name, other.unit, other.description)
+        assert one.values.view(np.uint64).tolist() == other.values.view(np.uint64).tolist()
+
+
+def test_other_channels_and_another_raster_are_read_for_themselves(kept):
+    for arguments in ((None, None), (["Speed"], None), (["Speed"], 0.05), (["Speed", "Torque"], 0.05)):
+        assert kept.cache.read(kept.file, *arguments).samples == (5 if arguments[1] else 3)
+        kept.cache.read(kept.file, *arguments)
+    assert kept.reads == len(kept.entries) == 4
+
+
+def test_sheets_of_a_workbook_are_kept_apart(kept):
+    import pandas as pd
+
+    book = kept.file.with_name("book.xlsx")
+    with pd.ExcelWriter(book) as writer:
+        for sheet in (1, 2):
+            pd.DataFrame({"Speed": [1000.0 * sheet]}).to_excel(writer, sheet_name=f"s{sheet}", index=False)
+    for _ in range(2):
+        assert [kept.cache.read(f"{book}#s{i}")["Speed"].values[0] for i in (1, 2)] == [1000, 2000]
+    assert kept.reads == 2
+
+
+def test_a_changed_file_is_read_anew_and_its_old_entries_go(kept):
+    kept.speed()
+    kept.speed(["Speed"])
+    kept.write(TEXT.replace("1000", "1001"))
+    assert kept.speed() == [1001, 1100, 1200]
+    assert len(kept.entries) == 1
+
+
+def test_a_byte_that_changes_behind_the_size_and_the_time_of_the_content_is_noticed(kept):
+    kept.speed()
+    stat = kept.file.stat()
+    kept.file.write_text(TEXT.replace("1000", "1001"), encoding="utf-8")
+    os.utime(kept.file, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    assert kept.file.stat().st_mtime_ns == stat.st_mtime_ns
+    assert kept.speed() == [1001, 1100, 1200]
+
+
+def test_a_file_that_was_touched_alone_is_not_read_anew(kept):
+    kept.speed()
+    os.utime(kept.file)
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.reads == 1
+
+
+def test_the_content_is_hashed_where_the_file_changed_and_not_otherwise(kept):
+    hashed = []
+    looked = caching._looked_at
+    kept.patch.setattr(caching, "_looked_at", lambda path: hashed.append(path) or looked(path))
+    kept.patch.setattr(caching, "_SETTLED", -1)
+    for _ in range(3):
+        kept.speed()
+    assert len(hashed) == 1
+    os.utime(kept.file)
+    kept.speed()
+    kept.speed()
+    assert len(hashed) == 2
+
+
+def test_a_file_that_was_written_a_moment_ago_is_hashed_each_time(kept):
+    hashed = []
+    looked = caching._looked_at
+    kept.patch.setattr(caching, "_looked_at", lambda path: hashed.append(path) or looked(path))
+    for _ in range(3):
+        kept.speed()
+    assert len(hashed) == 3
+    assert kept.reads == 1
+
+
+def test_a_moved_or_copied_file_is_read_for_itself_and_named_for_itself(kept):
+    kept.speed()
+    other = kept.file.with_name("other.csv")
+    other.write_bytes(kept.file.read_bytes())
+    assert kept.cache.read(other).name == "other"
+    assert kept.cache.read(other).name == "other"
+
+
+@pytest.mark.parametrize("place", [0, 5, 100, -100, -5, -1])
+def test_a_damaged_entry_is_no_entry(kept, place):
+    kept.speed()
+    [entry] = kept.entries
+    content = bytearray(entry.read_bytes())
+    content[place] ^= 1
+    entry.write_bytes(content)
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.reads == 2
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.reads == 2
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"content": "*"}', "null", "\0\0", "[" * 100_000])
+def test_a_damaged_note_is_no_note(kept, text):
+    kept.speed()
+    [note] = kept.folder.glob("*.json")
+    note.write_text(text, encoding="utf-8")
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.reads == 2
+
+
+def test_a_note_that_names_a_pattern_is_damaged(kept):
+    kept.speed()
+    [note] = kept.folder.glob("*.json")
+    content = kept.entries[0].name.split("-")[0]
+    note.write_text(note.read_text().replace(content, "*"), encoding="utf-8")
+    kept.speed()
+    assert kept.reads == 2
+
+
+def test_a_folder_that_cannot_be_made_is_no_cache(kept):
+    kept.folder.write_text("a file", encoding="utf-8")
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.reads == 2
+
+
+def test_a_disk_that_is_full_is_no_cache(kept):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    kept.patch.setattr(caching, "write_whole", full)
+    assert kept.speed() == [1000, 1100, 1200]
+    assert kept.entries == []
+
+
+def test_findings_of_the_reader_come_through(kept):
+    kept.write(TEXT.replace("1100", "x"))
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"bench.csv line 3, column Speed: 'x' is no number"):
+            kept.cache.read(kept.file)
+    with pytest.raises(InputError, match="there is no such file"):
+        kept.cache.read(kept.file.with_name("none.csv"))
+
+
+def test_what_was_used_longest_ago_goes_first(kept):
+    kept.speed(["Speed"], 0.1)
+    size = kept.entries[0].stat().st_size
+    kept.cache = Cache(kept.folder, most=2 * size + size // 2)
+    kept.speed(["Speed"], 0.05)
+    for entry, age in zip(sorted(kept.entries, key=os.path.getmtime), (300, 200), strict=True):
+        os.utime(entry, (1e9 - age, 1e9 - age))
+    kept.speed(["Speed"], 0.1)
+    assert kept.reads == 2
+    kept.speed(["Speed"], 0.02)
+    assert kept.reads == 3
+    kept.speed(["Speed"], 0.1)
+    assert kept.reads == 3
+    kept.speed(["Speed"], 0.05)
+    assert kept.reads == 4
+
+
+def test_what_is_larger_than_the_folder_may_be_is_not_kept(kept):
+    kept.cache = Cache(kept.folder, most=10)
+    kept.speed()
+    assert kept.entries == []
+
+
+def test_a_file_that_changes_while_it_is_read_is_not_kept(kept):
+    def changing(*arguments):
+        made = read(*arguments)
+        kept.write(TEXT + "0.3,1300,13\n")
+        return made
+
+    kept.patch.setattr(caching, "read", changing)
+    kept.speed()
+    assert kept.entries == []
+
+
+def test_what_another_run_left_half_written_goes_after_a_while(kept):
+    kept.folder.mkdir()
+    for name, mtime in ((".old.parquet.1-2", 1e9), (".new.parquet.1-2", None)):
+        (kept.folder / name).write_text("half")
+        os.utime(kept.folder / name, None if mtime is None else (mtime, mtime))
+    kept.speed()
+    assert [path.name for path in kept.folder.glob(".*-*")] == [".new.parquet.1-2"]
+
+
+def test_several_runs_at_once_read_the_same(kept):
+    found = []
+    runs = [threading.Thread(target=lambda: found.append(kept.speed(["Speed"], 0.1))) for _ in range(8)]
+    for run in runs:
+        run.start()
+    for run in runs:
+        run.join()
+    assert found == [[1000, 1100, 1200]] * 8
+    assert len(kept.entries) == 1
+    assert not list(kept.folder.glob(".*-*"))
+
+
+def test_the_folder_ignores_itself(kept):
+    kept.speed()
+    assert (kept.folder / ".gitignore").read_text() == "*\n"
+
+
+def test_another_version_of_the_readers_reads_anew(kept):
+    kept.speed()
+    kept.patch.setattr(caching, "_readers", lambda: [["reader.py", 1, 2]])
+    kept.speed()
+    assert kept.reads == 2
+
+
+def test_a_small_text_file_is_not_kept(tmp_path):
+    (tmp_path / "bench.csv").write_text(TEXT, encoding="utf-8")
+    Cache(tmp_path / "cache").read(tmp_path / "bench.csv")
+    assert not Path(tmp_path / "cache").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "raster"),
+    [
+        ("mdf/asammdf_test_batch.mf4", None),
+        ("mdf/asammdf_ASAP2_Demo_V171.mf4", 0.1),
+        ("mdf/css_17BD1DB7_00000170.MF4", None),
+        ("engine_steady/engine1_normalized.xlsx#data", None),
+        ("engine_transient/gengine1_m10.csv.gz", 0.2),
+        ("cascaded_tanks/dataBenchmark.csv", None),
+    ],
+)
+def test_real_recordings_come_back_bit_for_bit(kept, real, name, raster):
+    path, _, sheet = name.partition("#")
+    path = f"{real(path)}{'#' * bool(sheet)}{sheet}"
+    first, second = kept.cache.read(path, None, raster), kept.cache.read(path, None, raster)
+    assert kept.reads == 1
+    assert [(c.name, c.unit, c.description) for c in second.channels] == [
+        (c.name, c.unit, c.description) for c in first.channels
+    ]
+    for one, other in zip(first.channels, second.channels, strict=True):
+        assert one.values.tobytes() == other.values.tobytes()
+    assert (first.time is None) == (second.time is None)
+    assert first.time is None or first.time.tobytes() == second.time.tobytes()

@@ -1,0 +1,112 @@
+"""MSL text logs: information, units, markers, restarts."""
+
+import contextlib
+import gzip
+import random
+
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+HEAD = '"MS2Extra comms330 : MS2/Extra release 3.3.2"\n"Capture Date: Sat Dec 26 19:53:12 EST 2015"\n'
+NAMES = "Time\tRPM\tAFR\tEngine\n"
+UNITS = "s\trpm\tAFR\tbits\n"
+ROWS = "0.000\t900\t14.7\t9\n0.066\t910\t14.6\t9\n0.133\t905\t14.5\t1\n"
+
+
+@pytest.fixture
+def log(csv):
+    """Writes the text of a log."""
+    return lambda text, encoding="utf-8": csv(text, "run.msl", encoding)
+
+
+def test_names_units_and_information_are_read(log):
+    path = log(HEAD + NAMES + UNITS + ROWS)
+    data = read(path)
+    assert data.time.tolist() == [0, 0.066, 0.133]
+    assert {c.name: c.unit for c in data.values()} == {"RPM": "rpm", "AFR": "AFR", "Engine": "bits"}
+    found = describe(path)
+    assert found.kind == "MSL"
+    assert found.tables[0].details["by"] == "MS2Extra comms330 : MS2/Extra release 3.3.2"
+
+
+def test_names_in_quotes_a_single_line_of_information_and_no_units_are_read(log):
+    data = read(log('"MS1"\n"Time"\t"RPM"\n0.0\t900\n0.1\t910\n'))
+    assert data["RPM"].values.tolist() == [900, 910]
+
+
+def test_a_decimal_comma_is_found(log):
+    assert read(log(HEAD + NAMES + UNITS + ROWS.replace(".", ","))).time.tolist() == [0, 0.066, 0.133]
+
+
+def test_units_in_the_windows_encoding_are_read(log):
+    data = read(log(HEAD + "Time\tCLT\ns\t°C\n0.0\t90\n0.1\t91\n", "cp1252"))
+    assert data["CLT"].unit == "°C"
+
+
+@pytest.mark.parametrize("at", range(4))
+def test_markers_are_told_wherever_they_stand(log, at):
+    rows = ROWS.splitlines(keepends=True)
+    rows.insert(at, "MARK 000 - Manual - Sun Aug 16 16:54:28 CEST 2020\n")
+    path = log(HEAD + NAMES + UNITS + "".join(rows))
+    assert read(path).samples == 3
+    time = (0, 0.066, 0.133, 0.133)[at]
+    said = f"1 (MARK 000 - Manual - Sun Aug 16 16:54:28 CEST 2020 at {time:g} s)"
+    assert describe(path).tables[0].details["markers"] == said
+
+
+def test_markers_in_a_table_without_information_are_told_too(log):
+    path = log(NAMES + UNITS + ROWS + 'MARK 001 - "x"\n' + "0.2\t900\t14.7\t9\n")
+    assert read(path).samples == 4
+    assert describe(path).kind == "CSV"
+    assert describe(path).tables[0].details["markers"].startswith("1 (MARK 001")
+
+
+def test_a_restart_begins_a_piece_and_its_second_head_is_no_row(log):
+    path = log(HEAD + NAMES + UNITS + ROWS + HEAD + NAMES + UNITS + ROWS)
+    data = read(path)
+    assert data.starts.tolist() == [0, 3]
+    assert data["RPM"].values.tolist() == [900, 910, 905] * 2
+    assert describe(path).tables[0].details["pieces"] == "2, for its time starts anew"
+    assert read(path, raster=0.05).starts.tolist() == [0, 3]
+
+
+def test_time_that_falls_in_another_table_stays_a_finding(log):
+    with pytest.raises(InputError, match="time goes backwards"):
+        read(log("Time\tRPM\n0.0\t900\n0.1\t910\n0.0\t900\n"))
+
+
+def test_a_row_that_is_cut_off_is_a_finding(log):
+    with pytest.raises(InputError, match=r"the row has 2 cells, the header names 4. The file seems to be cut off here"):
+        read(log(HEAD + NAMES + UNITS + ROWS + "0.2\t90"))
+
+
+def test_a_packed_log_is_read(tmp_path):
+    path = tmp_path / "run.msl.gz"
+    path.write_bytes(gzip.compress((HEAD + NAMES + UNITS + ROWS).encode()))
+    assert read(path).samples == 3
+
+
+def test_mutated_logs_give_data_or_findings(log):
+    chance = random.Random(21)
+    content = (HEAD + NAMES + UNITS + ROWS * 5 + "MARK 000 - Manual\n" + ROWS).encode()
+    for _ in range(300):
+        changed = bytearray(content)
+        for _ in range(chance.randint(1, 5)):
+            changed[chance.randrange(len(changed))] = chance.choice(
+                [0, 9, 10, 34, 44, 46, 77, 255, chance.randrange(256)]
+            )
+        if chance.random() < 0.3:
+            del changed[chance.randrange(len(changed)) :]
+        path = log(bytes(changed))
+        with contextlib.suppress(InputError):
+            assert read(path).samples
+            describe(path)
+
+
+def test_the_real_log_is_read(real):
+    data = read(real("ecu_logs/empro_ms_test.msl"))
+    assert (data.samples, len(data)) == (7977, 26)
+    assert data["Ignition Advance"].unit == "deg"
+    assert data.time[0] == 26853.346

@@ -1,0 +1,155 @@
+"""Channels in other units than the function has for them."""
+
+import numpy as np
+import pytest
+
+SPEED = np.array([1000.0, 1500, 2000, 2500, 3000, 1200])
+OMEGA = SPEED * np.pi / 30
+
+
+def data(shop, which=0):
+    assert shop.errors() == []
+    return shop.project.problem().datasets[which]
+
+
+def in_radians(shop, name="bench.csv"):
+    shop.bench(name, **{"n [rpm]": None, "n [rad/s]": OMEGA})
+    return shop
+
+
+def test_an_input_is_converted_to_the_unit_of_the_function(shop):
+    channel = data(in_radians(shop))["n"]
+    assert channel.values == pytest.approx(SPEED, rel=1e-12)
+    assert channel.unit == "rpm"
+
+
+def test_a_conversion_is_told_once_and_is_no_warning(shop):
+    for name in ("bench.csv", "bench2.csv"):
+        in_radians(shop, name)
+    [finding] = shop.change('"bench.csv"', '"bench*.csv"').findings()
+    assert finding.severity == "remark"
+    said = "channel n is in rad/s and is converted to rpm, the unit of the input Speed"
+    assert str(finding) == f"bench.csv and 1 more: {said}"
+
+
+def test_a_target_is_converted_to_the_unit_of_its_node(shop):
+    torque = data(shop)["Torque"].values
+    shop.bench("bench.csv", **{"Torque [Nm]": None, "Torque [kNm]": torque / 1000})
+    channel = data(shop)["Torque"]
+    assert channel.values == pytest.approx(torque, rel=1e-12)
+    assert channel.unit == "Nm"
+
+
+def test_a_temperature_is_shifted(shop):
+    shop.text = shop.text.replace("input Load", "input Load[K]")
+    shop.bench("bench.csv", **{"Load": None, "Load [Grad C]": [0.0, 10, 20, 30, 40, 50]})
+    assert data(shop)["Load"].values.tolist() == [273.15, 283.15, 293.15, 303.15, 313.15, 323.15]
+
+
+def test_missing_values_stay_missing(shop):
+    shop.bench("bench.csv", **{"Torque [Nm]": None, "Torque [kNm]": [1.0, np.nan, 3, 4, 5, 6]})
+    assert np.isnan(data(shop)["Torque"].values).tolist() == [False, True, False, False, False, False]
+
+
+def test_a_channel_without_a_unit_is_left_alone(shop):
+    for unit in ("n", "n [-]"):
+        shop.bench("bench.csv", **{"n [rpm]": None, unit: SPEED})
+        assert data(shop)["n"].values.tolist() == SPEED.tolist()
+        assert shop.findings() == []
+
+
+def test_a_unit_is_stated_where_the_file_has_none_or_a_wrong_one(shop):
+    for unit in ("n", "n [Nm]"):
+        shop.bench("bench.csv", **{"n [rpm]": None, unit: OMEGA})
+        shop.toml = shop.toml.split("\n[units]")[0]
+        shop.add('[units]\nn = "rad/s"')
+        assert data(shop)["n"].values == pytest.approx(SPEED, rel=1e-12)
+        assert data(shop)["n"].unit == "rpm"
+        assert [f.severity for f in shop.findings()] == ["remark"]
+
+
+def test_a_dash_as_the_stated_unit_leaves_the_channel_alone(shop):
+    in_radians(shop).add('[units]\nn = "-"')
+    assert data(shop)["n"].values.tolist() == OMEGA.tolist()
+    assert not [f for f in shop.findings() if "unit" in f.what or "rad/s" in f.what]
+
+
+def test_a_unit_stated_for_a_channel_that_nothing_uses_is_an_error(shop):
+    error = shop.add('[units]\nTorqe = "Nm"').error()
+    assert error == "kennfeld.toml [units] Torqe: nothing uses a channel Torqe. Did you mean Torque?"
+
+
+def test_a_function_that_cannot_be_read_leaves_stated_units_alone(shop):
+    shop.text = "y = (\n"
+    shop.change('Speed = "n"', 'Speed = "n"\n[units]\nn = "rad/s"')
+    assert not [error for error in shop.errors() if "[units]" in error]
+
+
+def test_a_unit_can_be_stated_for_a_calculated_channel(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None, "omega [rad/s]": OMEGA})
+    shop.add('[calculated]\nn = "omega * 30 / pi"\n[units]\nn = "Nm"')
+    assert "channel n is in Nm, the input Speed of the function in rpm, which is another quantity" in shop.warning()
+    assert data(shop)["n"].values == pytest.approx(SPEED)
+
+
+def test_a_channel_of_calculated_ones_alone_keeps_the_unit_of_the_file(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None, "omega [rad/s]": OMEGA})
+    shop.add('[calculated]\nn = "omega * 30 / pi"')
+    assert data(shop)["n"].values == pytest.approx(SPEED)
+    assert data(shop)["omega"].values.tolist() == OMEGA.tolist()
+
+
+def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
+    in_radians(shop).change('files = ["bench.csv"]', 'files = ["bench.csv"]\nwhere = "n > 2100"')
+    assert data(shop).scored.tolist() == (SPEED > 2100).tolist()
+    assert [f.what for f in shop.findings() if f.severity == "remark"] == [
+        "channel n is in rad/s and is converted to rpm, the unit of the input Speed; formulas over n see rpm"
+    ]
+    shop.add('[calculated]\ndouble = "2 * n"')
+    shop.change('target = "Torque"', 'target = "double"')
+    assert data(shop)["double"].values == pytest.approx(2 * SPEED)
+
+
+def test_a_region_over_a_converted_channel_is_told_too(shop):
+    in_radians(shop).change('target = "Torque"', 'target = "Torque"\nregions = [{ where = "n > 2100", weight = 2 }]')
+    assert shop.warning().endswith("the unit of the input Speed; formulas over n see rpm")
+
+
+def test_files_of_a_dataset_are_put_into_the_unit_of_the_function_each(shop):
+    in_radians(shop, "bench2.csv")
+    joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["n"]
+    assert joined.values == pytest.approx([*SPEED, *SPEED], rel=1e-12)
+    assert joined.unit == "rpm"
+
+
+def test_files_of_a_dataset_are_put_into_the_unit_of_the_first_where_the_function_has_none(shop):
+    shop.bench("bench.csv", **{"Load": None, "Load [bar]": [1.0, 2, 3, 4, 5, 6]})
+    shop.bench("bench2.csv", **{"Load": None, "Load [mbar]": [1000.0, 2000, 3000, 4000, 5000, 6000]})
+    joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["Load"]
+    assert joined.values == pytest.approx([1, 2, 3, 4, 5, 6] * 2)
+    assert joined.unit == "bar"
+    assert "bench2.csv: channel Load is in mbar and is converted to bar, the unit of bench.csv" in shop.warning()
+
+
+def test_datasets_are_put_into_one_unit_where_the_function_has_none(shop):
+    shop.bench("bench.csv", **{"Load": None, "Load [bar]": [1.0, 2, 3, 4, 5, 6]})
+    shop.bench("other.csv", **{"Load": None, "Load [mbar]": [1000.0, 2000, 3000, 4000, 5000, 6000]})
+    shop.add('[[dataset]]\nfiles = "other.csv"')
+    assert data(shop, 1)["Load"].values == pytest.approx([1, 2, 3, 4, 5, 6])
+
+
+def test_a_channel_that_two_inputs_want_in_two_units_follows_the_first(shop):
+    shop.text = shop.text.replace("input Load", "input Load\ninput Omega[rad/s]").replace(
+        "+ offset", "+ offset + Omega"
+    )
+    shop.change('Speed = "n"', 'Speed = "n"\nOmega = "n"')
+    assert data(shop)["n"].values.tolist() == SPEED.tolist()
+    warning = shop.warning()
+    assert "channel n is in rpm, the input Omega of the function in rad/s. Convert it in [calculated]" in warning
+
+
+def test_an_input_counts_before_a_target(shop):
+    shop.text = shop.text.replace("Predict[Nm]", "Predict[rad/s]")
+    shop.change('target = "Torque"', 'target = "n"')
+    assert data(shop)["n"].unit == "rpm"
+    assert "the node Predict of the function in rad/s" in shop.warning()

@@ -1,0 +1,91 @@
+"""What of a file's contents somebody searches."""
+
+import json
+
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.terminal.contents import contents
+from kennfeld.terminal.search import searched
+
+DRIVE = "time [s],EngineSpeed [rpm],WheelSpeed [rpm],Torque [Nm],rad[3],note\n" + "".join(
+    f"{i / 10},{i},{i},{i},{i},cold\n" for i in range(3)
+)
+
+
+@pytest.fixture
+def drive(tmp_path):
+    (tmp_path / "drive.csv").write_text(DRIVE, encoding="utf-8")
+    return contents(tmp_path / "drive.csv")
+
+
+def channels(found):
+    """The names in the text, which have to be those in the JSON."""
+    text = [row[0] for table in found.tables for row in table[1:]]
+    assert [c["name"] for table in found.as_json["tables"] for c in table["channels"]] == text
+    json.dumps(found.as_json, allow_nan=False)
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("speed", ["EngineSpeed", "WheelSpeed"]),
+        (" SPEED ", ["EngineSpeed", "WheelSpeed"]),
+        ("*speed", ["EngineSpeed", "WheelSpeed"]),
+        ("e*", ["EngineSpeed"]),
+        ("?orque", ["Torque"]),
+        ("rad[3]", ["rad[3]"]),
+        ("[", ["rad[3]"]),
+    ],
+)
+def test_channels_are_found_by_a_part_or_a_pattern_of_their_name(drive, text, names):
+    assert channels(searched(drive, text)) == names
+
+
+def test_how_many_were_found_is_told(drive):
+    assert searched(drive, "speed").summary.endswith("; 2 found")
+
+
+def test_a_column_without_numbers_is_found_as_such(drive):
+    found = searched(drive, "note")
+    assert channels(found) == []
+    assert found.lines()[-1] == "columns without numbers: note"
+    assert found.as_json["tables"][0]["left_out"] == ("note",) or found.as_json["tables"][0]["left_out"] == ["note"]
+
+
+def test_nothing_found_names_the_nearest(drive):
+    with pytest.raises(InputError, match=r"^drive.csv: nothing in it has .torqe. in .* Did you mean Torque\?$"):
+        searched(drive, "torqe")
+    with pytest.raises(InputError, match=r"Search for a part of a name\.$"):
+        searched(drive, "xyzxyz")
+
+
+def test_descriptions_are_searched_too(tmp_path):
+    (tmp_path / "a.dcm").write_text(
+        'KONSERVIERUNG_FORMAT 2.0\nFESTWERT K1\n  LANGNAME "Oil gain"\n  WERT 1\nEND\n'
+        'FESTWERT K2\n  LANGNAME "Fuel gain"\n  WERT 2\nEND\nSTUETZSTELLENVERTEILUNG AxisOil 2\n  ST/X 1 2\nEND\n',
+        encoding="utf-8",
+    )
+    found = searched(contents(tmp_path / "a.dcm"), "oil")
+    assert [p["name"] for p in found.as_json["parameters"]] == ["K1"]
+    assert [a["name"] for a in found.as_json["axes"]] == ["AxisOil"]
+    assert [row[0] for table in found.tables for row in table[1:]] == ["K1", "AxisOil"]
+
+
+def test_nodes_inputs_and_parameters_of_a_function_are_searched(tmp_path):
+    (tmp_path / "a.kf").write_text("input Speed\nSpeedLow = MapSpeed(Speed)\nother = 2 * SpeedLow\n", encoding="utf-8")
+    found = searched(contents(tmp_path / "a.kf"), "speed")
+    assert [row[0] for table in found.tables for row in table[1:]] == ["Speed", "MapSpeed", "SpeedLow"]
+    assert [one["name"] for one in found.as_json["nodes"]] == ["SpeedLow"]
+
+
+def test_parts_of_a_project_are_searched(tmp_path):
+    (tmp_path / "kennfeld.toml").write_text(
+        '[model]\nfile = "a.kf"\n[[dataset]]\nname = "bench"\nfiles = "a.csv"\n[parameters.MapA]\n[parameters.B]\n'
+        '[[criterion]]\nnode = "y"\ntarget = 1\n',
+        encoding="utf-8",
+    )
+    found = searched(contents(tmp_path / "kennfeld.toml"), "map")
+    assert found.as_json["parameters"] == ["MapA"]
+    assert found.as_json["datasets"] == []
