@@ -381,7 +381,7 @@ def report(
 @app.command()
 def info(
     path: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, surrogate or project file.")
+        Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, Simulink or project file.")
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     search: Annotated[

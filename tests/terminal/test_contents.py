@@ -1,5 +1,6 @@
 import json
 import warnings
+import zipfile
 
 import numpy as np
 import pytest
@@ -193,6 +194,58 @@ def test_a_project_tells_its_surrogates(written):
 def test_a_cdfx_file_is_a_calibration(tmp_path):
     kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3])]).save(tmp_path / "p.cdfx")
     assert contents(tmp_path / "p.cdfx").summary.startswith("p.cdfx: calibration (CDFX")
+
+
+DIAGRAM = """Model {
+  Version 8.5
+  System {
+    Block {
+      BlockType Inport
+      Name "n"
+      Unit "rpm"
+    }
+    Block {
+      BlockType Gain
+      Name "K"
+    }
+    Line {
+      SrcBlock "n"
+      SrcPort 1
+      DstBlock "K"
+      DstPort 1
+    }
+  }
+}
+"""
+
+
+def test_a_simulink_model_is_told_by_its_content(written):
+    for name in ("engine.mdl", "engine.txt"):
+        found = contents(written(name, DIAGRAM))
+        assert found.summary.startswith(f"{name}: Simulink model (version 8.5), 2 blocks")
+        assert found.as_json["inputs"] == [{"name": "n", "unit": "rpm"}]
+    assert "rpm" in "\n".join(found.lines())
+
+
+def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
+    diagram = '<M><Model><System><Block BlockType="Gain" Name="K" SID="1"/></System></Model></M>'
+    with zipfile.ZipFile(tmp_path / "engine.slx", "w") as archive:
+        archive.writestr("simulink/blockdiagram.xml", diagram)
+    entry = '<P Name="Name" Class="char">K</P><P Name="Value" Class="double">2.5</P>'
+    with zipfile.ZipFile(tmp_path / "data.sldd", "w") as archive:
+        archive.writestr("data/chunk0.xml", f'<DataSource><Object Class="DD.ENTRY">{entry}</Object></DataSource>')
+    assert contents(tmp_path / "engine.slx").as_json["blocks"] == {"Gain": 1}
+    found = contents(tmp_path / "data.sldd")
+    assert found.summary == "data.sldd: Simulink data dictionary, 1 variable"
+    [variable] = found.as_json["variables"]
+    assert (variable["name"], variable["class"], variable["size"]) == ("K", "double", [1, 1])
+    json.dumps(found.as_json)
+
+
+def test_a_damaged_simulink_model_is_told(tmp_path):
+    (tmp_path / "engine.slx").write_bytes(b"PK\3\4 and no more")
+    with pytest.raises(InputError, match=r"engine\.slx: is a broken zip archive"):
+        contents(tmp_path / "engine.slx")
 
 
 @pytest.mark.parametrize(

@@ -189,6 +189,6 @@ def _zip_kind(file: Path) -> Kind:
         ) from None
     if b"opendocument.spreadsheet" in mime or any(member.startswith("xl/workbook") for member in members):
         return Kind.EXCEL
-    if "simulink/blockdiagram.xml" in members:
+    if "simulink/blockdiagram.xml" in members or "simulink/blockDiagram.json" in members:
         return Kind.MODEL
     return Kind.FMU if "modelDescription.xml" in members else Kind.ZIP

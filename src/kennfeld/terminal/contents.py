@@ -19,12 +19,20 @@ from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
-from kennfeld.models import Model
+from kennfeld.models import Model, simulink
 from kennfeld.models import formula as formulas
 from kennfeld.project import Project
 from kennfeld.project.method import listed
 from kennfeld.project.toml import is_training, read_toml
 from kennfeld.surrogate import DynamicSurrogate, read_surrogate, recognises_surrogate
+from kennfeld.terminal.simulink import (
+    dictionary_json,
+    dictionary_summary,
+    dictionary_table,
+    model_notes,
+    model_summary,
+    model_tables,
+)
 from kennfeld.terminal.surrogates import described, quality_table, ranges_table
 from kennfeld.terminal.table import aligned
 
@@ -60,7 +68,7 @@ class Contents:
 
 
 def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
-    """What is in a measurement, calibration, A2L, formula, project or training file, told by its content.
+    """What is in a measurement, calibration, A2L, formula, Simulink, project or training file, told by its content.
 
     `a2l` describes the labels of an image; by default the A2L file beside it.
 
@@ -69,7 +77,13 @@ def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
     file = Path(path)
     if not file.is_file():  # a folder, a missing file, or a sheet behind a #
         return _measurement(measurement.describe(path))
+    if file.suffix.lower() == ".sldd":
+        return _dictionary(file)
+    if file.suffix.lower() in (".slx", ".mdl"):  # a damaged one too
+        return _simulink(file)
     kind, head = _sniffed(file)
+    if kind is Kind.MODEL or simulink.recognises_simulink(head.encode()):
+        return _simulink(file)
     if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
         return _training(file) if is_training(read_toml(file)) else _project(file)
     if recognises_surrogate(head):
@@ -285,6 +299,18 @@ def _formula(file: Path, model: Model) -> Contents:
     }
     summary = f"{file.name}: formula, {len(graph.names)} nodes{memory}"
     return Contents(summary, [inputs, parameters, nodes], notes, as_json)
+
+
+def _simulink(file: Path) -> Contents:
+    found = simulink.outline(file)
+    as_json = {"content": "Simulink model", **found.as_dict()}
+    return Contents(model_summary(found), model_tables(found), model_notes(found), _plain(as_json))
+
+
+def _dictionary(file: Path) -> Contents:
+    found = simulink.read_dictionary(file, follow=False)
+    notes = [f"{name} is not readable: {why}" for name, why in found.data.unreadable.items()]
+    return Contents(dictionary_summary(found), [dictionary_table(found)], notes, _plain(dictionary_json(found)))
 
 
 def _project(file: Path) -> Contents:

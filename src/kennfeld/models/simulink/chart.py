@@ -1,0 +1,102 @@
+"""A Stateflow chart as a plain tree: states, junctions, transitions and data, their labels as written."""
+
+from dataclasses import dataclass
+
+__all__ = ["Chart", "ChartData", "ChartEvent", "ChartState", "Junction", "Transition"]
+
+
+@dataclass(frozen=True, slots=True)
+class ChartState:
+    """A state, or a function or box drawn as one.
+
+    `type` is as in the file: OR_STATE, AND_STATE, FUNC_STATE, GROUP_STATE; `parent` is the id of the state around it,
+    empty at the top. `decomposition` is CLUSTER_STATE (one child at a time) or SET_STATE (all children at once).
+    """
+
+    id: str
+    label: str
+    type: str = "OR_STATE"
+    decomposition: str = "CLUSTER_STATE"
+    order: int = 0
+    parent: str = ""
+    script: str = ""
+
+    @property
+    def name(self) -> str:
+        r"""The first line of the label, without a slash that ends it.
+
+        >>> ChartState("1", "Idle/\nentry: y = 0;").name
+        'Idle'
+        """
+        lines = self.label.strip().splitlines()
+        return lines[0].strip().rstrip("/") if lines else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Junction:
+    """A connective or history junction."""
+
+    id: str
+    type: str = "CONNECTIVE_JUNCTION"
+    parent: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """An arrow between states or junctions; `source` is empty for a default transition."""
+
+    id: str
+    label: str
+    source: str
+    target: str
+    order: int = 0
+    parent: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ChartData:
+    """A variable of a chart.
+
+    `scope` is as in the file: INPUT_DATA, OUTPUT_DATA, LOCAL_DATA, PARAMETER_DATA, CONSTANT_DATA, ...
+    """
+
+    name: str
+    scope: str
+    initial: str = ""
+    type: str = ""
+    size: str = ""
+    parent: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ChartEvent:
+    """An event of a chart: LOCAL_EVENT, INPUT_EVENT or OUTPUT_EVENT, and its trigger."""
+
+    name: str
+    scope: str
+    trigger: str = ""
+    parent: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A chart, a MATLAB Function or a truth table.
+
+    `name` is the path of its block without the model's name; `decomposition` is CLUSTER_CHART (one state at a time)
+    or SET_CHART (all at once); `language` is "MATLAB" or "C"; `script` is the code of a MATLAB Function.
+    """
+
+    id: str
+    name: str
+    kind: str = "Chart"
+    language: str = "C"
+    decomposition: str = "CLUSTER_CHART"
+    update: str = ""
+    sample_time: str = ""
+    script: str = ""
+    states: tuple[ChartState, ...] = ()
+    junctions: tuple[Junction, ...] = ()
+    transitions: tuple[Transition, ...] = ()
+    data: tuple[ChartData, ...] = ()
+    events: tuple[ChartEvent, ...] = ()
+    execute_at_initialization: bool = False

@@ -1,0 +1,230 @@
+"""What is in a Simulink file, at a glance: interfaces, blocks by type, solver, and where its numbers come from."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from kennfeld.errors import Finding, InputError
+from kennfeld.models.simulink.dictionary import read_dictionary
+from kennfeld.models.simulink.files import read_document
+from kennfeld.models.simulink.libraries import Libraries, Resolved, is_of_simulink
+from kennfeld.models.simulink.tree import Block, Document, Solver, System
+from kennfeld.models.simulink.workspace import workspace_variables
+
+__all__ = ["Connection", "DataSource", "Outline", "Subsystem", "outline"]
+
+_CONTROLS = {
+    "EnablePort": "enabled",
+    "TriggerPort": "triggered",
+    "ActionPort": "if action",
+    "ResetPort": "resettable",
+    "ForIterator": "for",
+    "ForEach": "for each",
+    "WhileIterator": "while",
+}
+_OF_SIMULINK, _MISSING = "Simulink", "not found"
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input or output at the root: its name, and its unit where the file states one."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Subsystem:
+    """A subsystem: its path, what it is besides ("enabled", "masked", "Chart"), its ports and blocks."""
+
+    path: str
+    kind: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    blocks: int
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A library block or model that is referred to: how often, and the file it comes from."""
+
+    source: str
+    type: str
+    count: int
+    found: str
+
+
+@dataclass(frozen=True)
+class DataSource:
+    """A place where variables may come from, in words."""
+
+    kind: str
+    name: str
+    content: str
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A Simulink file at a glance; `problems` are what `Libraries.resolve` and the dictionaries had to say.
+
+    `blocks` counts by type, in falling order, with the content of libraries and referenced models that were found.
+    """
+
+    file: str
+    name: str
+    kind: str
+    version: str
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    blocks: Mapping[str, int]
+    subsystems: tuple[Subsystem, ...]
+    solver: Solver
+    charts: tuple[tuple[str, str, int, int], ...]
+    functions: tuple[tuple[str, int], ...]
+    connections: tuple[Connection, ...]
+    sources: tuple[DataSource, ...]
+    problems: tuple[Finding, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same in containers that JSON knows."""
+        charts = [dict(zip(("path", "kind", "states", "transitions"), chart, strict=True)) for chart in self.charts]
+        functions = [{"path": path, "lines": lines} for path, lines in self.functions]
+        problems = [str(problem) for problem in self.problems]
+        return asdict(self) | {"charts": charts, "functions": functions, "problems": problems}
+
+
+def outline(path: str | Path, folders: Iterable[str | Path] = ()) -> Outline:
+    """The outline of a `.slx` or `.mdl` file; libraries, models and dictionaries are looked for beside it.
+
+    `folders` are further places to look for libraries. Raises `InputError` where the file itself cannot be read; what
+    is wrong with files it refers to is among the problems.
+    """
+    document = read_document(path)
+    resolved = Libraries(folders).resolve(document)
+    sources, further = _sources(document)
+    root, every = resolved.document.root, list(resolved.document.root.every())
+    return Outline(
+        file=document.path.name,
+        name=document.name,
+        kind=document.kind,
+        version=document.version,
+        inputs=_ports(root, "Inport"),
+        outputs=_ports(root, "Outport"),
+        blocks=dict(Counter(block.type for block in every).most_common()),
+        subsystems=tuple(_subsystem(block, block.system) for block in every if block.system is not None),
+        solver=document.solver,
+        charts=tuple(_charts(every)),
+        functions=tuple((block.path, len(block.script.splitlines())) for block in every if block.script),
+        connections=tuple(_connections(resolved)),
+        sources=tuple(sources),
+        problems=(*resolved.problems, *further),
+        remarks=document.remarks,
+    )
+
+
+def _ports(system: System, kind: str) -> tuple[Port, ...]:
+    """The ports of a system in the order of their numbers."""
+    found = sorted(system.of(kind), key=_number)
+    return tuple(Port(block.name, _unit(block)) for block in found)
+
+
+def _number(block: Block) -> int:
+    written = (block.value("Port") or "1").strip()
+    return int(written) if written.isdigit() and len(written) < 8 else 0
+
+
+def _unit(block: Block) -> str:
+    unit = block.value("Unit") or ""
+    return "" if unit == "inherit" else unit
+
+
+def _subsystem(block: Block, system: System) -> Subsystem:
+    words = [block.value("SFBlockType") or "", "masked" if block.mask is not None else ""]
+    words += ["model" if block.model else "", "atomic" if block.value("TreatAsAtomicUnit") == "on" else ""]
+    words += [_CONTROLS[inner.type] for inner in system.blocks if inner.type in _CONTROLS]
+    kind = ", ".join(word for word in words if word not in ("", "NONE"))
+    return Subsystem(block.path, kind, _names(system, "Inport"), _names(system, "Outport"), len(system.blocks))
+
+
+def _names(system: System, kind: str) -> tuple[str, ...]:
+    return tuple(port.name for port in _ports(system, kind))
+
+
+def _charts(blocks: Iterable[Block]) -> Iterator[tuple[str, str, int, int]]:
+    for block in blocks:
+        if block.chart is not None and not block.script:
+            yield block.path, block.chart.kind, len(block.chart.states), len(block.chart.transitions)
+
+
+def _connections(resolved: Resolved) -> Iterator[Connection]:
+    """The links by what they lead to."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for block in resolved.document.root.every():
+        if block.reference is not None:
+            counts[block.reference.source, block.reference.type] += 1
+        if block.model:
+            counts[block.model, "model"] += 1
+    for (source, kind), count in counts.most_common():
+        yield Connection(source, kind, count, _found(source, kind, resolved))
+
+
+def _found(source: str, kind: str, resolved: Resolved) -> str:
+    if kind != "model" and is_of_simulink(source):
+        return _OF_SIMULINK
+    name = source if kind == "model" else source.partition("/")[0]
+    return resolved.files[name].name if name in resolved.files and source not in resolved.missing else _MISSING
+
+
+def _sources(document: Document) -> tuple[list[DataSource], list[Finding]]:
+    problems: list[Finding] = []
+    dictionaries = [_dictionary(document, name, problems) for name in document.dictionaries]
+    found = [*_workspace(document), *_callbacks(document), *dictionaries]
+    masks = sum(len(block.mask.parameters) for block in document.root.every() if block.mask is not None)
+    if masks:
+        found.append(DataSource("masks", "", f"{masks} parameters"))
+    return found, problems
+
+
+def _workspace(document: Document) -> Iterator[DataSource]:
+    workspace = document.workspace
+    if workspace.kind == "m-code":
+        yield DataSource("model workspace", "MATLAB code", _first_line(workspace.text))
+    elif workspace.kind == "file":
+        yield DataSource("model workspace", workspace.text, _there(document.path.parent, workspace.text))
+    elif workspace.kind != "none":
+        data = workspace_variables(workspace)
+        unread = f", not readable: {', '.join(data.unreadable)}" if any(data.unreadable) else ""
+        unread = unread or (f", {data.unreadable['']}" if data.unreadable else "")
+        yield DataSource("model workspace", "in the file", f"{len(data.entries)} variables{unread}")
+
+
+def _callbacks(document: Document) -> Iterator[DataSource]:
+    for name, code in document.callbacks.items():
+        yield DataSource("callback", name, _first_line(code))
+
+
+def _dictionary(document: Document, name: str, problems: list[Finding]) -> DataSource:
+    path = document.path.parent / name
+    if Path(name).name != name or not path.is_file():
+        return DataSource("data dictionary", name, _MISSING)
+    try:
+        data = read_dictionary(path).data
+    except InputError as error:
+        problems += error.findings
+        return DataSource("data dictionary", name, "not readable")
+    unread = f", not readable: {', '.join(data.unreadable)}" if data.unreadable else ""
+    return DataSource("data dictionary", name, f"{len(data.entries)} variables{unread}")
+
+
+def _first_line(code: str) -> str:
+    """The first line of a code that is not empty, and how many follow."""
+    lines = [line.strip() for line in code.splitlines() if line.strip()]
+    more = f" ... ({len(lines)} lines)" if len(lines) > 1 else ""
+    return (lines[0][:80] if lines else "") + more
+
+
+def _there(folder: Path, name: str) -> str:
+    return "beside the model" if Path(name).name == name and (folder / name).is_file() else _MISSING

@@ -1,0 +1,101 @@
+"""A Simulink model or data dictionary in sentences and tables."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from kennfeld.models.simulink import Dictionary, Entry, Outline
+
+__all__ = ["dictionary_json", "dictionary_summary", "dictionary_table", "model_notes", "model_summary", "model_tables"]
+
+Rows = list[Sequence[str]]
+
+
+def model_summary(found: Outline) -> str:
+    """The sentence on top: what it is, of which release, how large."""
+    release = found.version if found.version.startswith("R") else f"version {found.version}"
+    total = sum(found.blocks.values())
+    solver = f", solver {_solver(found)}" if found.kind == "model" else ""
+    return f"{found.file}: Simulink {found.kind} ({release}), {_counted(total, 'block')}{solver}"
+
+
+def _solver(found: Outline) -> str:
+    solver = found.solver
+    if solver.reference:
+        return f"of the configuration {solver.reference}, which is kept elsewhere"
+    step = f" with the step {solver.fixed_step}" if solver.fixed_step else ""
+    return f"{solver.name or 'not stated'}{step}, from {solver.start or '0'} to {solver.stop or '?'}"
+
+
+def _counted(number: int, word: str) -> str:
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+
+
+def model_tables(found: Outline) -> list[Rows]:
+    """Inputs and outputs, subsystems, blocks by type, charts, functions, links, and where data come from."""
+    ports: Rows = [("input", "unit"), *((port.name, port.unit) for port in found.inputs)]
+    outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in found.outputs)]
+    inner: Rows = [("subsystem", "", "inputs", "outputs", "blocks")]
+    inner += [(s.path, s.kind, ", ".join(s.inputs), ", ".join(s.outputs), str(s.blocks)) for s in found.subsystems]
+    blocks: Rows = [("block type", "count"), *((kind or "?", str(count)) for kind, count in found.blocks.items())]
+    charts: Rows = [("chart", "kind", "states", "transitions")]
+    charts += [(path, kind, str(states), str(moves)) for path, kind, states, moves in found.charts]
+    functions: Rows = [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in found.functions)]
+    links: Rows = [("refers to", "type", "times", "from")]
+    links += [(c.source, c.type, str(c.count), c.found) for c in found.connections]
+    sources: Rows = [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in found.sources)]
+    return [ports, outputs, inner, blocks, charts, functions, links, sources]
+
+
+def model_notes(found: Outline) -> list[str]:
+    """What was wrong with files that the model refers to, and what was left aside."""
+    return [*map(str, found.problems), *found.remarks]
+
+
+def dictionary_summary(found: Dictionary) -> str:
+    """The sentence on top of a data dictionary."""
+    more = f", refers to {', '.join(found.references)}" if found.references else ""
+    return f"{found.path.name}: Simulink data dictionary, {_counted(len(found.data.entries), 'variable')}{more}"
+
+
+def dictionary_table(found: Dictionary) -> Rows:
+    """A row a variable."""
+    rows: Rows = [("variable", "class", "size", "unit", "minimum", "maximum", "description")]
+    rows += [
+        (name, e.kind, _size(e), e.unit, _number(e.minimum), _number(e.maximum), e.description)
+        for name, e in found.data.entries.items()
+    ]
+    return rows
+
+
+def dictionary_json(found: Dictionary) -> Mapping[str, object]:
+    """The same for programs."""
+    variables = [
+        {
+            "name": name,
+            "class": e.kind,
+            "size": list(e.value.shape) if isinstance(e.value, np.ndarray) else None,
+            "unit": e.unit,
+            "minimum": e.minimum,
+            "maximum": e.maximum,
+            "type": e.type,
+            "description": e.description,
+        }
+        for name, e in found.data.entries.items()
+    ]
+    return {
+        "content": "data dictionary",
+        "file": found.path.name,
+        "references": list(found.references),
+        "variables": variables,
+        "unreadable": dict(found.data.unreadable),
+        "types": list(found.types),
+    }
+
+
+def _size(entry: Entry) -> str:
+    return " x ".join(map(str, entry.value.shape)) if isinstance(entry.value, np.ndarray) else ""
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"
