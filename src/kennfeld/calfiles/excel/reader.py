@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.calfiles.excel.book import Sheet, Workbook, index_heading, number_fault, opened
+from kennfeld.calfiles.excel.book import Sheet, index_heading, number_fault, opened, sheet_of
 from kennfeld.calfiles.excel.sheets import (
     AXES,
     AXES_HEADING,
@@ -21,6 +21,7 @@ from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_numb
 from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.errors import ArgumentError, nearest
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
+from kennfeld.workbooks import Workbook
 
 __all__ = ["read_excel"]
 
@@ -36,7 +37,7 @@ def read_excel(source: Source) -> Content:
     """
     notes = Notes(source.name)
     book = opened(source)
-    index = book.sheet(INDEX) if INDEX in book.names else Sheet(INDEX, [])
+    index = sheet_of(book, INDEX) if INDEX in book.names else Sheet(INDEX, [])
     heading = index_heading(index)
     if heading is None:
         what = f"is an Excel workbook without a sheet {INDEX} that lists name, kind and sheet of each parameter"
@@ -145,7 +146,7 @@ class _Reader:
         found: dict[Key, _Row] = {}
         if name not in self.book.names:
             return found
-        for row in _rows(self.book.sheet(name), None, heading, self.notes):
+        for row in _rows(sheet_of(self.book, name), None, heading, self.notes):
             if row.key in found:
                 self._wrong(f"{row.place('name')} names {row.name} a second time", "Delete one of the two rows.")
             found.setdefault(row.key, row)
@@ -170,7 +171,7 @@ class _Reader:
             what = f"{row.place('sheet')} names the sheet {sheet!r}, as {self.users[sheet]} does"
             self._wrong(what, "Each table has a sheet of its own.")
         else:
-            self._hold(row.key, self._table(row, kind, self.book.sheet(sheet)))
+            self._hold(row.key, self._table(row, kind, sheet_of(self.book, sheet)))
 
     def _single(self, row: _Row) -> Parameter | None:
         if "value" not in row.columns:
@@ -248,7 +249,7 @@ class _Reader:
     def _read_groups(self) -> None:
         if AXES not in self.book.names:
             return
-        sheet = self.book.sheet(AXES)
+        sheet = sheet_of(self.book, AXES)
         for row in _rows(sheet, None, AXES_HEADING, self.notes):
             name = row.text(AXES_HEADING[0]).strip()
             start = row.columns.get("breakpoints", len(AXES_HEADING) - 1)

@@ -26,7 +26,6 @@ __all__ = [
     "SCALARS_HEADING",
     "TEXTS",
     "TEXTS_HEADING",
-    "column_letters",
     "sheet_names",
 ]
 
@@ -62,17 +61,3 @@ def sheet_names(names: Iterable[str]) -> list[str]:
         taken.add(made.casefold())
         found.append(made)
     return found
-
-
-def column_letters(index: int) -> str:
-    """The letters of a column, counted from 0.
-
-    >>> column_letters(0), column_letters(27)
-    ('A', 'AB')
-    """
-    letters = ""
-    index += 1
-    while index:
-        index, rest = divmod(index - 1, 26)
-        letters = chr(65 + rest) + letters
-    return letters

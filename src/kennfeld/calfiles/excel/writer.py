@@ -23,11 +23,11 @@ from kennfeld.calfiles.excel.sheets import (
     SCALARS_HEADING,
     TEXTS,
     TEXTS_HEADING,
-    column_letters,
     sheet_names,
 )
 from kennfeld.calfiles.format import Notes, Written, holds_control_characters
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.workbooks import column_letters
 
 __all__ = ["write_excel"]
 
