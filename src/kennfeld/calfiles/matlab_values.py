@@ -96,7 +96,8 @@ def _samples(name: str, value: Value, depth: int) -> str:
     if isinstance(value, Opaque):
         return name if value.kind.casefold() in ("timeseries", "timetable", "dataset") else ""
     if isinstance(value, np.ndarray):
-        rising = value.size > 1 and bool(np.all(np.diff(value.ravel()) > 0))
+        flat = value.ravel()
+        rising = value.size > 1 and bool(np.all(flat[1:] > flat[:-1]))
         is_time = _fold(name.rpartition(".")[2]) in _TIMES and rising
         return name if value.size > _FEW or is_time else ""
     if not isinstance(value, Struct) or depth > 5:

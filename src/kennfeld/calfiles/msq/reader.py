@@ -194,7 +194,7 @@ class _Reader:
 
     def _increases(self, name: str, user: str) -> bool:
         points = self.arrays[name].ravel()
-        if np.all(np.diff(points) > 0):
+        if np.all(points[1:] > points[:-1]):
             return True
         what = f"is read as a value block: its breakpoints {name} do not increase"
         self.notes.remark(self.constants[user].line, user, what)
