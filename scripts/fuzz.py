@@ -150,8 +150,17 @@ def put(samples: Sequence[Sample], seed: int, number: int, folder: Path) -> tupl
     return kind, target
 
 
-def read(path: Path) -> bool:
-    """Read a file as the commands do; whether it holds something. Whatever is no finding is raised."""
+def read(damaged: Path) -> bool:
+    """Read a damaged file, and those beside it that may refer to it; whether it holds something."""
+    good = _read(damaged)
+    for other in sorted(damaged.parent.iterdir()):
+        if other != damaged:
+            _read(other)
+    return good
+
+
+def _read(path: Path) -> bool:
+    """Read a file as the commands do. Whatever is no finding is raised."""
     from kennfeld import calfiles, measurement
     from kennfeld.errors import InputError
     from kennfeld.terminal.contents import contents

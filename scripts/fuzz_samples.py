@@ -1,8 +1,11 @@
 """Whole files of every format, made from a seed, for `fuzz.py` to damage."""
 
 import random
+import re
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +13,15 @@ from fuzz import Sample
 
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar, Text
 
+WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles")]
+END = "***End_of_Header***"  # of LabVIEW
+_MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
 LARGEST = 300_000  # bytes of a real file that is damaged as well
 
 
 def samples(seed: int, folder: Path | None = None) -> list[Sample]:
     """Some files a kind, and the small ones of a folder as kind `real`."""
+    sys.path += WRITERS  # what writes files for the tests
     made = [sample for maker in _MAKERS for sample in maker(seed)]
     return made + ([] if folder is None else list(_real(folder)))
 
@@ -47,14 +54,23 @@ def _calibrations(seed: int) -> Iterator[Sample]:
     """What can be written as every format that Kennfeld writes."""
     from kennfeld.calfiles import write
 
-    for ending in (".dcm", ".csv", ".cdfx", ".json"):
+    for ending in (".dcm", ".csv", ".cdfx", ".json", ".xlsx", ".m", ".mat"):
         for number in range(4):
             draw = random.Random(f"{seed}{ending}{number}")
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / f"sample{ending}"
-                several = ending in (".dcm", ".json")
-                write(_parameters(draw, cubes=ending in (".json", ".cdfx"), variants=several and number % 2 == 1), path)
+                write(_parameters(draw, cubes=ending not in (".dcm", ".csv"), variants=number % 2 == 1), path)
                 yield Sample(f"calibration {ending}", path.name, {path.name: path.read_bytes()})
+
+
+def _tunes(seed: int) -> Iterator[Sample]:
+    """A tune of TunerStudio, alone and beside the file that defines its tables."""
+    from test_msq import INI, TUNE
+
+    tune = TUNE.encode("latin-1")
+    yield Sample("calibration .msq", "tune.msq", {"tune.msq": tune})
+    yield Sample("calibration .msq", "tune.msq", {"tune.msq": tune, "mainController.ini": INI.encode("latin-1")})
+    yield Sample("calibration .ini", "mainController.ini", {"mainController.ini": INI.encode("latin-1"), "t.msq": tune})
 
 
 def _recordings(seed: int) -> Iterator[Sample]:
@@ -66,6 +82,12 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".parquet": _parquet,
         ".mf4": _mdf("4.10"),
         ".mdf": _mdf("3.30"),
+        ".mlg": _mlg,
+        ".msl": _msl,
+        ".hpl": _hptuners,
+        ".lvm": _lvm,
+        ".mat": _mat,
+        ".mat73": _mat73,
     }
     for ending, write in writers.items():
         for number in range(3):
@@ -96,6 +118,7 @@ def _excel(path: Path, numbers: np.random.Generator) -> None:
     import xlsxwriter
 
     with xlsxwriter.Workbook(str(path)) as book:
+        book.set_properties({"created": datetime(2020, 1, 1)})  # else the time of making, different each time
         sheet = book.add_worksheet("Data")
         for column, (name, values) in enumerate(_columns(numbers).items()):
             sheet.write(0, column, name)
@@ -123,8 +146,116 @@ def _mdf(version: str) -> Callable[[Path, np.random.Generator], None]:
                     time = columns.pop("time")
                     mdf.append([Signal(v, time, name=f"{n}{rows}", unit="rpm") for n, v in columns.items()])
                 mdf.save(path, overwrite=True, compression=int(numbers.integers(0, 3)) if version > "4" else 0)
+        path.write_bytes(_MADE.sub(b"Wed Jan  1 00:00:00 2020: updated", path.read_bytes()))
 
     return write
 
 
-_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _recordings)
+def _mlg(path: Path, numbers: np.random.Generator) -> None:
+    from mlg_files import bits, mark, mlg, number, record
+
+    version = int(numbers.integers(1, 3))
+    fields = [
+        number("Time", unit="s"),
+        number("RPM", 2, "rpm"),
+        number("AFR", 0, scale=0.1),
+        bits("Engine", "on", "cold"),
+    ]
+    values = [(0.1 * i, 800 + i, 147, i % 4) for i in range(40)]
+    records = [record(fields, row, stamp=1000 * i % 65536) for i, row in enumerate(values)]
+    path.write_bytes(mlg(fields, [*records[:20], mark("here"), *records[20:]], version=version, info="note=1"))
+
+
+def _msl(path: Path, numbers: np.random.Generator) -> None:
+    rows = (f"{0.1 * i:.3f}\t{800 + i}\t{numbers.normal():.2f}" for i in range(40))
+    path.write_text("\n".join(['"MS2Extra"', '"Capture Date: 1"', "Time\tRPM\tMAP", "s\trpm\tkPa", *rows, "MARK 000"]))
+
+
+def _hptuners(path: Path, numbers: np.random.Generator) -> None:
+    head = "HP Tuners CSV Log File\nVersion: 1.0\n\n[Log Information]\nNotes: \n\n[Channel Information]\n0,1,2\n"
+    rows = [f"{0.1 * i:.2f},{800 + i},{numbers.normal():.2f}" if i % 2 else f"{0.1 * i:.2f},,1.5" for i in range(40)]
+    path.write_text(head + "\n".join(["Offset,Engine RPM,Air", "s,rpm,g/s", "", "[Channel Data]", *rows, ""]))
+
+
+def _lvm(path: Path, numbers: np.random.Generator) -> None:
+    head = [
+        "LabVIEW Measurement",
+        "Writer_Version\t2",
+        "Separator\tTab",
+        "Multi_Headings\tNo",
+        "X_Columns\tOne",
+        END,
+        "",
+    ]
+    block = ["Channels\t2", "Samples\t40\t40", "X0\t0\t0", "Delta_X\t0.1\t0.1", END, "X_Value\tSpeed\tLoad\tComment"]
+    rows = (f"{0.1 * i:.2f}\t{numbers.normal():.3f}\t{i}" for i in range(40))
+    path.write_text("\n".join([*head, *block, *rows]))
+
+
+def _mat(path: Path, numbers: np.random.Generator) -> None:
+    from scipy.io import savemat
+
+    columns = _columns(numbers)
+    group = {"time": columns["time"][:7], "signals": {"values": columns["Speed"][:7], "label": "Speed"}}
+    savemat(path, {**columns, "group": group, "note": "a text"}, do_compression=bool(numbers.integers(0, 2)))
+
+
+def _mat73(path: Path, numbers: np.random.Generator) -> None:
+    from matlab_files import save73
+
+    columns = _columns(numbers)
+    save73(path, {**columns, "group": {"time": columns["time"][:7], "data": columns["Load"][:7]}, "note": "a text"})
+
+
+def _images(seed: int) -> Iterator[Sample]:
+    """An A2L file and the image that it describes: each is damaged."""
+    draw = random.Random(f"{seed}image")
+    memory = bytes(draw.randrange(1, 4) for _ in range(48))
+    files = {"ecu.a2l": _A2L.encode(), "ecu.hex": _hex(memory), "ecu.s19": _s19(memory)}
+    for name in files:
+        yield Sample(f"image {Path(name).suffix}", name, {one: files[one] for one in dict.fromkeys((name, "ecu.a2l"))})
+
+
+def _hex(memory: bytes) -> bytes:
+    """Intel HEX of bytes at 0x10000."""
+    data = [bytes([16, 0, at, 0]) + memory[at : at + 16] for at in range(0, len(memory), 16)]
+    bodies = [bytes([2, 0, 0, 4, 0, 1]), *data, bytes([0, 0, 0, 1])]
+    return b"".join(f":{body.hex().upper()}{-sum(body) % 256:02X}\r\n".encode() for body in bodies)
+
+
+def _s19(memory: bytes) -> bytes:
+    """S-records of bytes at 0x10000."""
+    lines = [(3, bytes([21, 0, 1, 0, at]) + memory[at : at + 16]) for at in range(0, len(memory), 16)]
+    lines.append((7, bytes([5, 0, 0, 0, 0])))
+    return b"".join(f"S{kind}{body.hex().upper()}{~sum(body) % 256:02X}\n".encode() for kind, body in lines)
+
+
+_A2L = """ASAP2_VERSION 1 71
+/begin PROJECT P "" /begin MODULE M "" /* a comment */
+/begin MOD_COMMON "" BYTE_ORDER MSB_FIRST ALIGNMENT_WORD 2 /end MOD_COMMON
+/begin IF_DATA XCP /begin PAGE 1 "x" /end PAGE /end IF_DATA
+/begin COMPU_METHOD HALF "" RAT_FUNC "%5.1" "rpm" COEFFS 0 2 0 0 0 1 /end COMPU_METHOD
+/begin COMPU_METHOD WORDS "" TAB_VERB "%5.1" "" COMPU_TAB_REF W /end COMPU_METHOD
+/begin COMPU_VTAB W "" TAB_VERB 3 1 "on" 2 "off" 3 "auto" DEFAULT_VALUE "none" /end COMPU_VTAB
+/begin RECORD_LAYOUT RM NO_AXIS_PTS_X 1 UBYTE NO_AXIS_PTS_Y 2 UBYTE AXIS_PTS_X 3 UWORD INDEX_INCR DIRECT
+  AXIS_PTS_Y 4 UWORD INDEX_INCR DIRECT FNC_VALUES 5 UWORD COLUMN_DIR DIRECT /end RECORD_LAYOUT
+/begin RECORD_LAYOUT RA AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT /end RECORD_LAYOUT
+/begin RECORD_LAYOUT RV FNC_VALUES 1 UBYTE ROW_DIR DIRECT /end RECORD_LAYOUT
+/begin CHARACTERISTIC M "a ""map"" of it" MAP 0x10000 RM 0 HALF 0 100
+  /begin AXIS_DESCR STD_AXIS Speed HALF 3 0 100 /end AXIS_DESCR
+  /begin AXIS_DESCR STD_AXIS Load NO_COMPU_METHOD 3 0 100 /end AXIS_DESCR /end CHARACTERISTIC
+/begin CHARACTERISTIC K "" VALUE 0x10020 RV 0 HALF 0 100 BIT_MASK 0x0F /end CHARACTERISTIC
+/begin CHARACTERISTIC T "" VALUE 0x10021 RV 0 WORDS 0 3 /end CHARACTERISTIC
+/begin CHARACTERISTIC B "" VAL_BLK 0x10022 RV 0 HALF 0 100 MATRIX_DIM 2 3 1 /end CHARACTERISTIC
+/begin CHARACTERISTIC F "" CURVE 0x10022 RV 0 HALF 0 100
+  /begin AXIS_DESCR FIX_AXIS Speed HALF 4 0 100 FIX_AXIS_PAR 0 1 4 /end AXIS_DESCR /end CHARACTERISTIC
+/begin AXIS_PTS A "" 0x10030 Speed RA 0 HALF 3 0 100 /end AXIS_PTS
+/begin FUNCTION Fn "" /begin DEF_CHARACTERISTIC M K /end DEF_CHARACTERISTIC /end FUNCTION
+/begin TYPEDEF_STRUCTURE S "" 8 /begin STRUCTURE_COMPONENT c TC 0 MATRIX_DIM 2 /end STRUCTURE_COMPONENT
+/end TYPEDEF_STRUCTURE
+/begin TYPEDEF_CHARACTERISTIC TC "" VALUE RV 0 HALF 0 100 /end TYPEDEF_CHARACTERISTIC
+/begin INSTANCE I "" S 0x10024 MATRIX_DIM 2 /end INSTANCE
+/end MODULE /end PROJECT
+"""
+
+_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _tunes, _recordings)

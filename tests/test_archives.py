@@ -44,6 +44,16 @@ def test_a_member_that_hides_its_size_is_told(tmp_path):
         assert overgrown(archive).startswith("sheet.xml holds ")
 
 
+def test_a_member_that_claims_to_be_longer_than_the_file_or_is_garbled_comes_to_an_end(tmp_path):
+    path = packed(tmp_path / "a.zip", [bytes(range(256)) * 10_000])
+    with zipfile.ZipFile(path) as archive:
+        member = archive.infolist()[0]
+        member.compress_size = member.file_size = 10**12
+        assert overgrown(archive) == ""
+        member.header_offset = -26 + 7  # where no packed data begin
+        assert overgrown(archive) == ""
+
+
 def test_a_workbook_that_claims_more_texts_than_it_has_room_for_is_told(tmp_path):
     for count, said in ((3, ""), (10**9, "xl/sharedStrings.xml claims to hold 1000000000 texts")):
         with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:

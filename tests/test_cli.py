@@ -417,7 +417,7 @@ class TestResume:
             stderr=subprocess.DEVNULL,
         )
         saves = folder / "results" / "saves"
-        self.wait(lambda: len(list(saves.glob("*.json"))) >= 4)
+        self.wait(lambda: len(list(saves.glob("*.json"))) >= 4 and any(saves.glob("1-*.json")))
         workers = children(running.pid) if sys.platform == "linux" else []
         running.kill()
         assert running.wait(timeout=60) == -signal.SIGKILL

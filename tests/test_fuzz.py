@@ -35,13 +35,13 @@ def test_a_crash_is_a_failure_and_does_not_end_the_run(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(
         "import sys, os\n"
         "if 'fuzz' in ' '.join(sys.orig_argv) or 'spawn' in ' '.join(sys.orig_argv):\n"
-        "    import kennfeld.calfiles.dcm_lines as lines\n"
+        "    import kennfeld.calfiles.dcm.lines as lines\n"
         "    real = lines.split\n"
         "    def split(text, notes):\n"
         "        if 'KENNFELD' not in text:\n"
         "            os._exit(11)\n"
         "        return real(text, notes)\n"
-        "    import kennfeld.calfiles.dcm_reader as reader\n"
+        "    import kennfeld.calfiles.dcm.reader as reader\n"
         "    reader.split = split\n"
     )
     status, lines = run("--count", "40", "--kinds", "calibration .dcm", PYTHONPATH=str(tmp_path))

@@ -52,10 +52,14 @@ def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
     archive.fp.seek(member.header_offset + 26)
     lengths = archive.fp.read(4)
     archive.fp.seek(int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"), 1)
-    waiting, left = b"", member.compress_size
-    while found <= most and not unpacker.eof and (waiting or left > 0):
-        waiting = waiting or archive.fp.read(min(_CHUNK, left))
+    left = member.compress_size
+    while found <= most and not unpacker.eof:
+        waiting = unpacker.unconsumed_tail or archive.fp.read(min(_CHUNK, left))
+        if not waiting:
+            break
         left -= 0 if unpacker.unconsumed_tail else len(waiting)
-        found += len(unpacker.decompress(waiting, _CHUNK))
-        waiting = unpacker.unconsumed_tail
+        try:
+            found += len(unpacker.decompress(waiting, _CHUNK))
+        except zlib.error:
+            break  # damaged, which its reader tells
     return found

@@ -34,6 +34,13 @@ ProjectFile = Annotated[
     Path, typer.Argument(metavar="PROJECT", help="The project file, kennfeld.toml.", show_default=False)
 ]
 
+DescriptionFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--a2l", help="Describes an image (.hex, .s19).", show_default="the A2L file beside it", metavar="FILE"
+    ),
+]
+
 
 def main() -> None:
     """The command `kennfeld`; ends the process."""
@@ -254,6 +261,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     complain(*findings)
     if resume:
         complain(*project.saves(folder).found().findings)
+    told: list[Finding] = []
     try:
         with Interrupt() as interrupt:
             with display("compiling", project.file.optimizer.starts) as shown:
@@ -261,7 +269,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
             left = _left(project, result)
             text = safely(project, result, findings, left)
             further = {"surrogates": [row.as_json() for row in left]} if left else None
-            written = write(result, project, folder, {"report.html": text}, further)
+            written = write(result, project, folder, {"report.html": text}, further, told)
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
@@ -272,9 +280,12 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(*left_open(result.trust), *left_data(left))
+    complain(*told)
     say(f"Written to {folder}: {', '.join(path.name for path in written)}")
     if interrupt.pressed:
         return INTERRUPTED
+    if any(finding.severity == "error" for finding in told):
+        return WRONG_INPUT
     return DONE if result.converged else NOT_CONVERGED
 
 
@@ -379,6 +390,7 @@ def info(
             "--search", help="Show what has this in its name or description.", show_default=False, metavar="TEXT"
         ),
     ] = "",
+    a2l: DescriptionFile = None,
 ) -> int:
     """Show what is in a file.
 
@@ -390,7 +402,7 @@ def info(
     from kennfeld.terminal.contents import contents
     from kennfeld.terminal.search import searched
 
-    found = contents(path)
+    found = contents(path, a2l)
     if search.strip():
         found = searched(found, search)
     say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
@@ -401,16 +413,22 @@ def info(
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="The calibration file to read.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; its ending says the format.")],
+    image: Annotated[
+        Path | None,
+        typer.Option("--image", help="The image to write the values into.", show_default=False, metavar="FILE"),
+    ] = None,
+    a2l: DescriptionFile = None,
 ) -> int:
     """Turn a calibration file into another format.
 
-    The formats are .dcm, .csv (INCA's CVX), .cdfx and .json.
+    The formats are .dcm, .csv (INCA's CVX), .cdfx, .json, .xlsx (a sheet for each table), .m and
+    .mat (MATLAB), and .msq (into the tune that was read).
     """
     from kennfeld import calfiles
 
-    [parameters], remarks = calfiles.read_several([source])
+    [parameters], remarks = calfiles.read_several([source], a2l)
     complain(*remarks)
-    complain(*calfiles.write(parameters, target))
+    complain(*calfiles.write(parameters, target, image, a2l))
     say(f"Written to {target}")
     return DONE
 
@@ -428,6 +446,7 @@ def diff(
         typer.Option("--relative", help="So are numbers whose difference is this share of them.", min=0.0, metavar="R"),
     ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    a2l: DescriptionFile = None,
 ) -> int:
     """Compare two calibration files: values, axes, units, and what only one has.
 
@@ -439,7 +458,7 @@ def diff(
     from kennfeld.terminal.differences import differing, labels
 
     allowed = calfiles.Tolerance(tolerance, relative)
-    (one, other), remarks = calfiles.read_several([left, right])
+    (one, other), remarks = calfiles.read_several([left, right], a2l)
     complain(*remarks)
     found = calfiles.compare(one, other, allowed)
     if as_json:
@@ -459,6 +478,7 @@ def merge(
         typer.Argument(metavar="FILE", help="Calibration files; later ones win.", show_default=False),
     ],
     target: Annotated[Path, typer.Option("-o", "--output", help="The file to write.", metavar="C", show_default=False)],
+    a2l: DescriptionFile = None,
 ) -> int:
     """Put several calibration files together, and tell what was replaced or added."""
     from kennfeld import calfiles
@@ -466,7 +486,7 @@ def merge(
 
     if len(sources) < 2:
         raise InputError.of("merge", f"{sources[0]} alone is nothing to merge", "Name two files or more.")
-    sets, remarks = calfiles.read_several(sources)
+    sets, remarks = calfiles.read_several(sources, a2l)
     complain(*remarks)
     merged = calfiles.merge(list(zip(labels(sources), sets, strict=True)))
     complain(*calfiles.write(merged.parameters, target))

@@ -495,6 +495,10 @@ class ParameterSet(Mapping[str, Parameter]):
         others = [thing for thing in self.others if any(thing.name == member.name for member in chosen)]
         return ParameterSet(chosen, others=others, origin=self.origin)
 
+    def from_origin(self, origin: object | None) -> "ParameterSet":
+        """This set as if it were read from another file, into which it is to be written."""
+        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin)
+
     def without(self, names: Collection[str]) -> "ParameterSet":
         """All but the named parameters; group axes stay."""
         kept = [member for member in self.parameters if member.name not in names]

@@ -122,17 +122,26 @@ class TestReading:
         made = axis(reference("A") + numbers(10, 40), "RES_AXIS")
         assert read(cdfx(instance("C", "CURVE", numbers(7, 8), made)))["C"] == Curve("C", [10, 40], [7, 8])
 
-    def test_the_first_variant_counts_and_the_others_are_named(self, cdfx):
-        variant = "<SW-INSTANCE-PROPS-VARIANT>{ref}<SW-VALUE-CONT>{values}</SW-VALUE-CONT></SW-INSTANCE-PROPS-VARIANT>"
-        both = variant.format(ref="", values=numbers(1)) + variant.format(
-            ref="<VARIANT-DEF-REF>Manual</VARIANT-DEF-REF>", values=numbers(2)
+    def test_all_variants_are_read_and_the_first_counts(self, cdfx):
+        criteria = "<SW-VCD-CRITERION-VALUES>{}</SW-VCD-CRITERION-VALUES>".format(
+            "".join(
+                f"<SW-VCD-CRITERION-VALUE><SW-VCD-CRITERION-REF>{name}</SW-VCD-CRITERION-REF><VT>{value}</VT>"
+                "</SW-VCD-CRITERION-VALUE>"
+                for name, value in (("Engine", 2), ("Gear", "manual"))
+            )
+        )
+        variants = [("", numbers(1)), ("<VARIANT-DEF-REF>Manual</VARIANT-DEF-REF>", numbers(2)), (criteria, numbers(3))]
+        made = (
+            f"<SW-INSTANCE-PROPS-VARIANT>{said}<SW-VALUE-CONT>{values}</SW-VALUE-CONT></SW-INSTANCE-PROPS-VARIANT>"
+            for said, values in variants
         )
         path = cdfx(
             "<SW-INSTANCE><SHORT-NAME>K</SHORT-NAME><CATEGORY>VALUE</CATEGORY>"
-            f"<SW-INSTANCE-PROPS-VARIANTS>{both}</SW-INSTANCE-PROPS-VARIANTS></SW-INSTANCE>"
+            f"<SW-INSTANCE-PROPS-VARIANTS>{''.join(made)}</SW-INSTANCE-PROPS-VARIANTS></SW-INSTANCE>"
         )
-        assert read(path) == ParameterSet([Scalar("K", 1)])
-        assert "(K): is another variant (Manual) of the label in line 3; left aside" in remarks(path)[0]
+        others = [Scalar("K", 2, variant="Manual"), Scalar("K", 3, variant="Engine=2,Gear=manual")]
+        assert read(path) == ParameterSet([Scalar("K", 1)], others=others)
+        assert remarks(path) == []
 
     def test_labels_within_labels_have_dots(self, cdfx):
         inner = instance("c", "VALUE", numbers(1)) + instance("[0]", "VALUE", numbers(2))
@@ -156,9 +165,36 @@ class TestReading:
         path = written(f'<?xml version="1.0" encoding="{declared}"?>\n{text}', "a.cdfx", encoding)
         assert read(path)["K"].unit == "°C"
 
-    def test_functions_are_told_as_left_aside(self, cdfx):
-        path = cdfx(instance("K", "VALUE", numbers(1), more="<SW-FEATURE-REF>Idle</SW-FEATURE-REF>"))
-        assert remarks(path) == ["a.cdfx: 1 name of functions left aside"]
+    def test_functions_and_display_names_are_read(self, cdfx):
+        more = (
+            "<SW-FEATURE-REF>Idle</SW-FEATURE-REF><SW-FEATURE-REF>Trq</SW-FEATURE-REF><DISPLAY-NAME>k1</DISPLAY-NAME>"
+        )
+        path = cdfx(instance("K", "VALUE", numbers(1), more=more))
+        assert read(path)["K"] == Scalar("K", 1, functions=["Idle", "Trq"], display_name="k1")
+        assert remarks(path) == []
+
+    @pytest.mark.parametrize("gap", ["", "\n", " ", "\n\t "])
+    def test_numbers_may_stand_apart(self, cdfx, gap):
+        values = numbers(*range(300)).replace("</V><V>", f"</V>{gap}<V>")
+        assert read(cdfx(instance("B", "VAL_BLK", values)))["B"].values.tolist() == list(range(300))
+
+    @pytest.mark.parametrize("more", ["|~^`\\$@", "<![CDATA[</V><V>]]>"])
+    def test_any_description_may_stand_beside_numbers(self, cdfx, more):
+        path = cdfx(instance("B", "VAL_BLK", numbers(1, 2), more=f"<LONG-NAME>{more}</LONG-NAME>"))
+        assert read(path)["B"].values.tolist() == [1, 2]
+        assert read(path)["B"].description in (more, "</V><V>")
+
+    @pytest.mark.parametrize(
+        ("values", "said"),
+        [
+            ("<V>1</V>\n<V>2 3</V>", "line 4 (B): '2 3' is no finite number"),
+            ("<V>1</V>\n<V></V>\n<V>x</V>", "line 4 (B): '' is no finite number"),
+            ("<V>1</V>\n<V>1|2</V>", "line 4 (B): '1|2' is no finite number"),
+            ("<V>1</V>\n<V>1_0</V><V>2</V>", "line 4 (B): '1_0' is no finite number"),
+        ],
+    )
+    def test_a_wrong_number_among_many_is_named_with_its_line(self, cdfx, values, said):
+        assert said in refused(cdfx(instance("B", "VAL_BLK", f"<SW-VALUES-PHYS>{values}</SW-VALUES-PHYS>")))[0]
 
     def test_a_table_of_words_is_left_aside(self, cdfx):
         values = "<SW-VALUES-PHYS><VT>on</VT><VT>off</VT></SW-VALUES-PHYS>"
@@ -252,6 +288,30 @@ class TestWriting:
         ]
         assert not list(tmp_path.iterdir())
 
+    def test_variants_functions_and_display_names_are_written(self, tmp_path):
+        speed = Axis([1, 2], unit="rpm", name="N")
+        curve = Curve("C", speed, [1, 2], functions=["Idle", "Trq"], display_name="c", variant="Engine=1,Gear=a=b")
+        others = [
+            curve.changed(values=np.array([3.0, 4.0]), variant="Engine=2"),
+            Scalar("K", 2, variant="Manual"),
+            Text("T", "off", variant="Engine=2"),
+        ]
+        parameters = ParameterSet([curve, Scalar("K", 1), Scalar("L", 1)], [Text("T", "on")], [speed], others)
+        write(parameters, tmp_path / "a.cdfx")
+        found = read(tmp_path / "a.cdfx")
+        assert found.in_variant("Engine=2")["C"].values.tolist() == [3, 4]
+        assert (found.parameters, found.texts, set(found.others)) == (
+            parameters.parameters,
+            parameters.texts,
+            set(parameters.others),
+        )
+        assert "<CATEGORY>VCD</CATEGORY>" in (tmp_path / "a.cdfx").read_text(encoding="utf-8")
+
+    def test_a_label_has_one_category_in_all_variants(self, tmp_path):
+        parameters = ParameterSet([Scalar("K", 1)], others=[Curve("K", [1, 2], [1, 2], variant="b")])
+        with pytest.raises(InputError, match="a label of CDFX has one category"):
+            write(parameters, tmp_path / "a.cdfx")
+
     def test_texts_keep_their_line_breaks(self, tmp_path):
         parameters = ParameterSet((), [Text("T", "a\r\nb\t<&>\rc ")])
         write(parameters, tmp_path / "a.cdfx")
@@ -269,7 +329,7 @@ def test_the_demo_of_asam_says_what_is_left_aside(shared_data):
     assert found["CDF20.curve.GKL_xCOM_wU16"].axes[0] == Axis(
         [2, 5, 6, 14, 16], unit="°C", name="CDF20.axis.X_AXIS_xU16"
     )
-    assert found.texts[0] == Text("CDF20.BOOLEAN.FW_wU8", "true", "BIT_MASK 0x0001")
+    assert found.texts[0] == Text("CDF20.BOOLEAN.FW_wU8", "true", "BIT_MASK 0x0001", ("CDF20_Scalar",))
     assert len(remarks(path)) == 6
 
 

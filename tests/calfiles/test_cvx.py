@@ -40,7 +40,7 @@ def test_a_decimal_comma_leaves_no_decimal_point(cvx):
 
 
 def test_a_map_is_turned_to_x_first_and_its_embedded_breakpoints_are_ignored(cvx):
-    expected = Map("K", [1, 2], [7, 8], [[1, 3], [2, 4]], unit="Nm")
+    expected = Map("K", [1, 2], [7, 8], [[1, 3], [2, 4]], unit="Nm", functions=["F"])
     for embedded in ("\n", ",,99,98\n", ",,\n"):
         path = cvx(f'tag,K\n* c\nMAP,\n{embedded}:"Nm":,7,1,2\n,8,3,4\n\nFUNCTION,,"F","f"\n{X2}{Y2}')
         assert read(path)["K"] == expected
@@ -54,12 +54,43 @@ def test_texts_are_carried(cvx):
     assert read(cvx(',A\nASCII,,"a,""b"\n\n,B\nVALUE,,"on"\n')).texts == (Text("A", 'a,"b'), Text("B", "on"))
 
 
-def test_headers_functions_and_variants_do_not_disturb(cvx):
-    head = 'FUNCTION_HDR,,\n,"F"\n\nVARIANT_HDR,,\n"Car","A","B"\n\n'
-    records = ',K\nVALUE,,1\nVARIANT,,"Car"."A"\nDISPLAY_IDENTIFIER,,"k"\n\n,K\nVALUE,,2\nVARIANT,,"Car"."B"\n'
-    path = cvx(head + records)
-    assert read(path)["K"].value == 1
-    assert "another variant" in str(describe(path).remarks[0])
+def test_functions_variants_and_display_names_are_read(cvx):
+    head = 'FUNCTION_HDR,,\n,"F","G"\n\nVARIANT_HDR,,\n"Car","A","B"\n"Gear","M"\n\n'
+    coding = (
+        'FUNCTION,,"F","is, known"\nFUNCTION,,"G",""\nVARIANT,,"Car"."A","Gear"."M ""x"""\nDISPLAY_IDENTIFIER,,"k"\n'
+    )
+    path = cvx(f'{head},K\nVALUE,,1\n\n{coding}\n,K\nVALUE,,2\n\'VARIANT\',,"Car"."B"\n')
+    first = Scalar("K", 1, functions=["F", "G"], variant='Car=A,Gear=M "x"', display_name="k")
+    assert read(path) == ParameterSet([first], others=[Scalar("K", 2, variant="Car=B")])
+    assert describe(path).remarks == ()
+
+
+def test_the_parts_of_a_variant_may_be_parted_by_a_decimal_comma(written):
+    text = 'CALIBRATION VALUES V2.1;,;*;"";\n\n;K\nVALUE;;1,5\nVARIANT;;"Car","A";"Gear","M"\n'
+    assert read(written(text, "a.csv"))["K"] == Scalar("K", 1.5, variant="Car=A,Gear=M")
+
+
+def test_each_variant_of_a_table_has_axes_of_its_own(cvx):
+    variants = "".join(
+        f',K\nCURVE\n,,5,{z}\nVARIANT,,"Car"."{car}"\n\n,K\nX_AXIS_PTS,,1,{x}\nVARIANT,,"Car"."{car}"\n\n'
+        for car, x, z in (("A", 2, 6), ("B", 3, 7))
+    )
+    found = read(cvx(variants))
+    assert found["K"] == Curve("K", [1, 2], [5, 6], variant="Car=A")
+    assert found.others == (Curve("K", [1, 3], [5, 7], variant="Car=B"),)
+
+
+def test_variants_functions_and_display_names_are_written(tmp_path):
+    speed = Axis([1, 2], name="N")
+    table = Map("M", speed, [1, 2], [[1, 2], [3, 4]], functions=["F"], display_name="m", variant="Car=A,Gear=M")
+    other = table.changed(axes=(speed, Axis([1, 3])), variant="Car=B,Gear=M")
+    texts = [Text("T", "on", functions=("G",)), Text("T", "off", functions=("G",), variant="Manual")]
+    parameters = ParameterSet([table], texts[:1], [speed], [other, texts[1]])
+    write(parameters, tmp_path / "a.csv")
+    assert read(tmp_path / "a.csv").everything == parameters.everything
+    text = (tmp_path / "a.csv").read_bytes().decode()
+    assert 'FUNCTION_HDR,,\r\n,"G","F"\r\n' in text
+    assert 'VARIANT_HDR,,\r\n"Car","A","B"\r\n"Gear","M"\r\n"","Manual"\r\n' in text
 
 
 def test_what_is_no_number_to_calibrate_is_left_aside_with_a_remark(cvx):

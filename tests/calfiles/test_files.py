@@ -13,6 +13,7 @@ ONE = ParameterSet([Scalar("K", 2.0)])
 
 def test_the_public_names_are_pinned():
     assert kennfeld.calfiles.__all__ == [
+        "A2lFile",
         "CalibrationFile",
         "Change",
         "Comparison",
@@ -22,16 +23,17 @@ def test_the_public_names_are_pinned():
         "Tolerance",
         "compare",
         "describe",
+        "describe_a2l",
         "endings",
         "merge",
         "read",
         "read_several",
         "write",
     ]
-    assert endings() == (".json", ".csv", ".cdfx", ".dcm")
+    assert set(endings()) >= {".json", ".csv", ".cdfx", ".dcm", ".msq", ".xlsx", ".mat", ".m", ".hex", ".s19"}
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".DCM"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".mat", ".m", ".DCM"])
 def test_the_content_tells_the_format_when_reading(tmp_path, ending):
     write(ONE, tmp_path / f"a{ending}")
     (tmp_path / f"a{ending}").rename(tmp_path / "renamed.txt")

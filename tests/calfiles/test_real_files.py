@@ -1,8 +1,9 @@
 """Real files from public sources: read, written in every format, read again."""
 
+import numpy as np
 import pytest
 
-from kennfeld.calfiles import Comparison, compare, describe, read, write
+from kennfeld.calfiles import Comparison, compare, describe, describe_a2l, read, write
 from kennfeld.parameters import Block
 
 FILES = {
@@ -26,7 +27,7 @@ def test_every_file_is_read(shared_data, file):
 
 
 @pytest.mark.parametrize("file", FILES)
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 def test_every_file_is_read_back_from_every_format(shared_data, tmp_path, file, ending):
     parameters = read(shared_data / file)
     write(parameters, tmp_path / f"a{ending}")
@@ -47,7 +48,7 @@ def test_the_demo_of_inca_is_the_same_in_dcm_and_cvx(shared_data):
 
 
 @pytest.mark.parametrize("first", ["dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"])
-@pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 @pytest.mark.parametrize("back", [".dcm", ".csv", ".cdfx"])
 def test_the_demo_of_inca_comes_through_every_format_without_loss(shared_data, tmp_path, first, through, back):
     write(read(shared_data / first), tmp_path / f"a{through}")
@@ -70,3 +71,71 @@ def test_the_sample_has_every_kind_of_block(shared_data):
     )
     assert parameters["fixedCharacteristicMap"].values[:, 0].tolist() == [0.0, 0.4, 0.8, 1.0, 1.4, 1.8]
     assert parameters.texts[0].text == "ParameterA"
+
+
+A2LS = {
+    "a2l/ASAP2_Demo_V171.a2l": (94, 3, 31, "1.71"),
+    "a2l/etas_ascet_ACCTest_PCL1.a2l": (35, 0, 55, "1.41"),
+    "a2l/etas_ascet_BMS_Simulation_PCL1.a2l": (25, 0, 21, "1.41"),
+    "cdfx/asamint_CDF20demo.a2l": (46, 14, 62, "1.61"),
+}
+
+
+@pytest.mark.parametrize("file", A2LS)
+def test_every_a2l_file_is_described_without_a_finding(shared_data, file):
+    found = describe_a2l(shared_data / file)
+    assert found.remarks == ()
+    a2l = found.a2l
+    assert (len(a2l.characteristics), len(a2l.axis_pts), a2l.measurements, a2l.version) == A2LS[file]
+    assert len(found.labels) == len(a2l.characteristics) + len(a2l.axis_pts)
+
+
+ONLY_CDFX = {
+    "CDF20.BOOLEAN.FW_wU8": "the A2L file has a number for what CDFX calls true",
+}
+
+
+def test_the_image_of_the_demo_holds_the_values_of_its_cdfx(shared_data):
+    flash, cdfx = read(shared_data / "cdfx/asamint_CDF20demo.hex"), read(shared_data / "cdfx/asamint_CDF20demo.cdfx")
+    assert set(cdfx) <= set(flash)
+    for name, there in cdfx.items():
+        here = flash[name]
+        assert (here.kind, here.unit) == (there.kind, there.unit)
+        assert here.values == pytest.approx(there.values, rel=1e-9)
+        for axis, other in zip(here.axes, there.axes, strict=True):
+            # the A2L file gives this axis the conversion of a speed, CDFX that of a temperature, 50 less
+            moved = 50 if axis.name == "CDF20.axis.X_AXIS_xU16" else 0
+            assert axis.breakpoints - moved == pytest.approx(other.breakpoints, rel=1e-9)
+    texts, others = ({text.name: text.text.strip() for text in one.texts} for one in (flash, cdfx))
+    assert others.keys() - texts.keys() == ONLY_CDFX.keys()
+    assert texts["CDF20.ASCII.N42_wU8"] == others["CDF20.ASCII.N42_wU8"] == "CDF20 Test String"
+    assert flash["CDF20.BOOLEAN.FW_wU8"].value == 1
+
+
+def test_the_image_of_the_demo_leaves_aside_what_its_cdfx_does(shared_data):
+    flash, cdfx = (
+        describe(shared_data / "cdfx/asamint_CDF20demo.hex"),
+        describe(shared_data / "cdfx/asamint_CDF20demo.cdfx"),
+    )
+    for name in ("CDF20.curve.KL_xRESs8_wS16", "CDF20.map.KF_xCURu16u8_yCURu16u8_wU8", "CDF20.axis.X_RE_AXIS_xS8"):
+        assert all(any(f"({name})" in remark.place for remark in found.remarks) for found in (flash, cdfx))
+
+
+def test_the_image_of_the_demo_is_written_without_losing_a_byte(shared_data, tmp_path):
+    image = shared_data / "cdfx/asamint_CDF20demo.hex"
+    values = read(image)
+    write(values, tmp_path / "same.hex")
+    assert (tmp_path / "same.hex").read_bytes() == image.read_bytes()
+    table = values["opt_ing_angle_z_table"]
+    write(values.with_parameters(table.with_values(table.values * 0.9)), tmp_path / "new.hex")
+    again = read(tmp_path / "new.hex", shared_data / "cdfx/asamint_CDF20demo.a2l")
+    assert again["opt_ing_angle_z_table"].values == pytest.approx(table.values * 0.9, abs=0.5 / 16384)
+    assert [name for name in values if not np.array_equal(values[name].values, again[name].values)] == [table.name]
+
+
+def test_the_values_of_a_cdfx_go_into_an_image(shared_data, tmp_path):
+    image = shared_data / "cdfx/asamint_CDF20demo.hex"
+    given = read(shared_data / "cdfx/asamint_CDF20demo.cdfx").without(["CDF20.curve.GKL_xCOM_wU16"])
+    values = type(given)(given.parameters, (), ())
+    write(values, tmp_path / "same.hex", image)
+    assert (tmp_path / "same.hex").read_bytes() == image.read_bytes()

@@ -1,6 +1,7 @@
 """What a format writes, it reads back as an equal set; what is damaged is refused with findings."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from calibration_sets import line_texts, parameter_sets, plain_units
@@ -48,6 +49,64 @@ def test_cdfx_reads_back_what_it_wrote(tmp_path_factory, parameters):
     assert read(path) == in_xml(parameters)
 
 
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_excel_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.xlsx"
+    assume(not any(character in repr(parameters) for character in NO_XML))
+    write(parameters, path)
+    assert read(path) == parameters
+
+
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_matlab_data_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.mat"
+    write(parameters, path)
+    assert read(path) == parameters
+
+
+@few
+@given(parameters=parameter_sets(quantities=line_texts, cubes=True))
+def test_a_matlab_script_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.m"
+    write(parameters, path)
+    assert read(path) == parameters
+
+
+def labelled(thing, functions, display_name, variant):
+    """A parameter or text with all that says where it belongs."""
+    labels = {"functions": tuple(functions), "display_name": display_name, "variant": variant}
+    return replace(thing, **labels) if isinstance(thing, Text) else thing.changed(**labels)
+
+
+@st.composite
+def labelled_sets(draw):
+    """Sets with functions, display names, and further variants of some labels."""
+    plain = draw(parameter_sets(units=plain_units, descriptions=st.just("")))
+    functions = draw(st.lists(st.sampled_from(["Idle", "Trq", "A b"]), unique=True, max_size=2))
+    display_name = draw(st.sampled_from(["", "k", "k 1"]))
+    first, second = draw(st.sampled_from([("", "Car=A"), ("Car=A,Gear=M", "Car=B,Gear=M"), ("A", "B=2")]))
+    things = [
+        [labelled(thing, functions, display_name, first) for thing in group]
+        for group in (plain.parameters, plain.texts)
+    ]
+    others = [labelled(thing, functions, display_name, second) for thing in (*plain.parameters[::2], *plain.texts[:1])]
+    return ParameterSet(*things, plain.axes, others)
+
+
+@pytest.mark.parametrize("ending", [".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(parameters=labelled_sets())
+def test_functions_display_names_and_variants_come_back(tmp_path_factory, ending, parameters):
+    path = tmp_path_factory.mktemp("sets") / f"a{ending}"
+    assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
+    write(parameters, path)
+    found = read(path)
+    assert found.everything == parameters.everything
+    assert found.chosen == parameters.chosen
+
+
 def in_xml(parameters):
     """The set with the two characters that XML excludes turned into blanks, as units and descriptions are written."""
     return ParameterSet(
@@ -71,7 +130,7 @@ def blanked(text):
     return "".join(" " if character in NO_XML else character for character in text)
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx"])
+@pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):

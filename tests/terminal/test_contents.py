@@ -237,10 +237,8 @@ def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
     assert contents(tmp_path / "engine.slx").as_json["blocks"] == {"Gain": 1}
     found = contents(tmp_path / "data.sldd")
     assert found.summary == "data.sldd: Simulink data dictionary, 1 variable"
-    assert (
-        found.as_json["variables"][0] | {"name": "K", "class": "double", "size": [1, 1]}
-        == found.as_json["variables"][0]
-    )
+    [variable] = found.as_json["variables"]
+    assert (variable["name"], variable["class"], variable["size"]) == ("K", "double", [1, 1])
     json.dumps(found.as_json)
 
 
@@ -248,3 +246,27 @@ def test_a_damaged_simulink_model_is_told(tmp_path):
     (tmp_path / "engine.slx").write_bytes(b"PK\3\4 and no more")
     with pytest.raises(InputError, match=r"engine\.slx: is a broken zip archive"):
         contents(tmp_path / "engine.slx")
+
+
+@pytest.mark.parametrize(
+    ("ending", "kind"),
+    [(".xlsx", "Excel"), (".m", "MATLAB script"), (".mat", "MATLAB 5"), (".csv", "CVX 2.1"), (".json", "JSON")],
+)
+def test_a_calibration_of_any_format_is_told_from_a_measurement(tmp_path, ending, kind):
+    kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3]), kf.Scalar("K", 1.0)]).save(tmp_path / f"p{ending}")
+    assert contents(tmp_path / f"p{ending}").summary.startswith(f"p{ending}: calibration ({kind}), 2 parameters")
+
+
+def test_a_tune_is_a_calibration(written):
+    tune = '<?xml version="1.0"?>\n<msq><versionInfo signature="x"/><page><constant name="K">1</constant></page></msq>'
+    assert contents(written("t.msq", tune)).summary == "t.msq: calibration (MSQ tune of x), 1 parameters, 1 values"
+
+
+def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "bench.xlsx") as book:
+        sheet = book.add_worksheet("Parameters")
+        for row, line in enumerate([("time", "n"), ("s", "rpm"), (0, 700), (1, 800)]):
+            sheet.write_row(row, 0, line)
+    assert contents(tmp_path / "bench.xlsx").summary.startswith("bench.xlsx: measurement (Excel)")

@@ -2,10 +2,12 @@
 
 from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
 from kennfeld.calfiles.files import CalibrationFile, ParameterSummary, describe, endings, read, read_several, write
+from kennfeld.calfiles.flash import A2lFile, describe_a2l
 from kennfeld.calfiles.merging import Change, Merged, merge
 from kennfeld.parameters import use_writer
 
 __all__ = [
+    "A2lFile",
     "CalibrationFile",
     "Change",
     "Comparison",
@@ -15,6 +17,7 @@ __all__ = [
     "Tolerance",
     "compare",
     "describe",
+    "describe_a2l",
     "endings",
     "merge",
     "read",

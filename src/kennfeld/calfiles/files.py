@@ -1,33 +1,49 @@
 """Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
 
 import gc
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from kennfeld.calfiles.cdfx import read_cdfx, recognises_cdfx
-from kennfeld.calfiles.cdfx_writer import write_cdfx
-from kennfeld.calfiles.cvx import read_cvx, recognises_cvx
-from kennfeld.calfiles.cvx_writer import write_cvx
-from kennfeld.calfiles.dcm_lines import recognises_dcm
-from kennfeld.calfiles.dcm_reader import read_dcm
-from kennfeld.calfiles.dcm_update import write_dcm
-from kennfeld.calfiles.format import Content, Format, Source, in_text, written
-from kennfeld.calfiles.json_values import read_json, recognises_json, write_json
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, recognises_a2l
+from kennfeld.calfiles.format import Content, Format, Source
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 from kennfeld.whole_files import write_whole
 
 __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
 
+_SCRIPT = "MATLAB script"
+# What tells, reads and writes a format, as module:function in this room. The script is the last one: it knows no mark.
 _FORMATS = (
-    Format("JSON", (".json",), in_text(recognises_json), read_json, written(write_json)),
-    Format("CVX (INCA's CSV)", (".csv",), in_text(recognises_cvx), read_cvx, written(write_cvx)),
-    Format("CDFX", (".cdfx",), in_text(recognises_cdfx), read_cdfx, written(write_cdfx)),
-    Format("DCM", (".dcm",), in_text(recognises_dcm), read_dcm, write_dcm),
+    Format("JSON", (".json",), "json_values:recognises_json", "json_values:read_json", "json_values:write_json"),
+    Format("CVX (INCA's CSV)", (".csv",), "cvx.reader:recognises_cvx", "cvx.reader:read_cvx", "cvx.writer:write_cvx"),
+    Format("CDFX", (".cdfx",), "cdfx.reader:recognises_cdfx", "cdfx.reader:read_cdfx", "cdfx.writer:write_cdfx"),
+    Format("DCM", (".dcm",), "dcm.lines:recognises_dcm", "dcm.reader:read_dcm", "dcm.update:write_dcm"),
+    Format(
+        "Intel HEX or S-records with an A2L file",
+        IMAGE_ENDINGS,
+        "flash:recognises_flash",
+        "flash:read_flash",
+        "flash:write_flash",
+        binary=True,
+    ),
+    Format("MSQ (TunerStudio)", (".msq",), "msq.reader:recognises_msq", "msq.reader:read_msq", "msq.update:write_msq"),
+    Format(
+        "Excel",
+        (".xlsx",),
+        "excel.book:looks_like_a_workbook",
+        "excel.reader:read_excel",
+        "excel.writer:write_excel",
+        binary=True,
+    ),
+    Format("MATLAB data", (".mat",), "mat_file:recognises_mat", "mat_file:read_mat", "matlab_writer:write_mat", True),
+    Format(
+        _SCRIPT, (".m",), "matlab_script:recognises_script", "matlab_script:read_script", "matlab_writer:write_script"
+    ),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
 _OTHER_KINDS = (
@@ -35,10 +51,6 @@ _OTHER_KINDS = (
     (b"UnFinMF ", "an unfinished MDF measurement"),
     (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
     (b"<?xml", "XML"),
-    (b"ASAP2_VERSION", "an A2L description"),
-    (b"/begin", "an A2L description"),
-    (b":", "an Intel HEX image"),
-    (b"S0", "an S-record image"),
 )
 
 
@@ -53,6 +65,8 @@ class ParameterSummary:
     description: str
     minimum: float  # NaN where there is no value
     maximum: float
+    functions: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()  # the first one is read
 
 
 @dataclass(frozen=True)
@@ -72,24 +86,27 @@ def endings() -> tuple[str, ...]:
     return tuple(ending for known in _FORMATS for ending in known.endings)
 
 
-def read(path: str | Path) -> ParameterSet:
+def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     """The parameters of a calibration file; its content, not its name, tells the format.
 
-    Raises `InputError` with every finding: the thing, its value, the line, the mend.
+    `a2l` is the description of an image (Intel HEX, S-records); by default the A2L file of the same name beside it,
+    or the only one there. Raises `InputError` with every finding: the thing, its value, the line, the mend.
     """
-    return _content(Path(path)).parameters
+    return _content(Path(path), a2l).parameters
 
 
-def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
+def read_several(
+    paths: Iterable[str | Path], a2l: str | Path | None = None
+) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
     """The parameters of several files, and the remarks on what was left aside in them.
 
-    Raises `InputError` with the findings of all files that cannot be read.
+    `a2l` describes the images among them. Raises `InputError` with the findings of all files that cannot be read.
     """
     contents: list[Content] = []
     findings: list[Finding] = []
     for path in paths:
         try:
-            contents.append(_content(Path(path)))
+            contents.append(_content(Path(path), a2l))
         except InputError as error:
             findings += error.findings
     if findings:
@@ -97,43 +114,61 @@ def read_several(paths: Iterable[str | Path]) -> tuple[list[ParameterSet], tuple
     return [content.parameters for content in contents], tuple(one for content in contents for one in content.remarks)
 
 
-def write(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
-    """Write a calibration file; the ending (.dcm, .cdfx, .json, .csv for INCA's CVX) chooses the format.
+def write(
+    parameters: ParameterSet, path: str | Path, image: str | Path | None = None, a2l: str | Path | None = None
+) -> tuple[Finding, ...]:
+    """Write a calibration file; the ending (.dcm, .cdfx, .json, .xlsx, .csv for INCA's CVX, ...) chooses the format.
 
-    The file is complete or untouched. A set that was read from a DCM file and is written as one gives the same file
-    with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an unknown
-    ending and `InputError` naming each parameter that the format cannot hold.
+    The file is complete or untouched. A set that was read from a DCM file or a tune and is written as one gives the
+    same file with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an
+    unknown ending and `InputError` naming each parameter that the format cannot hold.
+
+    An image (.hex, .s19, ...) is written over the one that the set was read from, or over `image`, which `a2l`
+    describes; values are rounded to what the control unit can store.
     """
     target = Path(path)
+    if image is not None:
+        parameters = parameters.from_origin(_content(Path(image), a2l).parameters.origin)
     made = _format_for(target).write(parameters, target.name)
     _replace(target, made.raw)
     return made.remarks
 
 
-def describe(path: str | Path) -> CalibrationFile:
+def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
     """What is in a calibration file: kind, parameters, group axes, texts, and what was left aside.
 
     Raises `InputError` where the file cannot be read.
     """
-    content = _content(Path(path))
+    content = _content(Path(path), a2l)
     members = content.parameters
-    summaries = tuple(_summary(member) for member in members.parameters)
+    others: dict[str, list[str]] = {}
+    for thing in members.others:
+        others.setdefault(thing.name, []).append(thing.variant)
+    summaries = tuple(_summary(member, others.get(member.name, [])) for member in members.parameters)
     return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.remarks)
 
 
-def _summary(member: Parameter) -> ParameterSummary:
+def _summary(member: Parameter, others: Sequence[str]) -> ParameterSummary:
     known = member.values[~np.isnan(member.values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (np.nan, np.nan)
-    return ParameterSummary(member.name, member.kind, member.values.shape, member.unit, member.description, low, high)
+    shape, variants = member.values.shape, (member.variant, *others) if others or member.variant else ()
+    said = member.unit, member.description
+    return ParameterSummary(member.name, member.kind, shape, *said, low, high, member.functions, variants)
 
 
-def _content(path: Path) -> Content:
-    source = Source(path.name, _bytes(path), path)
-    for known in _FORMATS:
+def _content(path: Path, a2l: str | Path | None = None) -> Content:
+    source = Source(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
+    for known in _in_order(path):
         if known.recognises(source):
             with _no_collection():
                 return known.read(source)
     raise InputError([_unknown(path, source)])
+
+
+def _in_order(path: Path) -> list[Format]:
+    """The formats, that of the file's ending first: the content decides, but others need not be loaded then."""
+    ending = path.suffix.lower()
+    return sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT)
 
 
 @contextmanager
@@ -153,7 +188,7 @@ def _bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             head = Source(path.name, file.read(_HEAD), path)
-            if head.is_binary and not any(known.recognises(head) for known in _FORMATS):
+            if head.is_binary and not any(known.recognises(head) for known in _FORMATS if known.binary):
                 raise InputError([_foreign(path, head.raw, "holds binary data")])
             return head.raw + file.read()
     except FileNotFoundError:
@@ -172,6 +207,9 @@ def _unknown(path: Path, source: Source) -> Finding:
     lines = source.text.strip().splitlines()
     if not lines:
         return Finding(path.name, "is empty", f"Expected {_known()}.")
+    if recognises_a2l(source.text):
+        what = "is an A2L description, which holds no values"
+        return Finding(path.name, what, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
     return _foreign(path, source.raw, f"begins with {lines[0][:60]!r}")
 
 

@@ -4,7 +4,9 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.parameters import ParameterSet
@@ -17,9 +19,7 @@ __all__ = [
     "Written",
     "counted",
     "holds_control_characters",
-    "in_text",
     "one_line",
-    "written",
 ]
 
 _DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
@@ -63,11 +63,15 @@ class Notes:
 
 @dataclass(frozen=True)
 class Source:
-    """A calibration file as it lies on the disk; `path` tells where, for formats whose files come in pairs."""
+    """A calibration file as it lies on the disk.
+
+    For formats whose files come in pairs, `path` tells where it is, and `partner` is the other file where it was named.
+    """
 
     name: str
     raw: bytes
     path: Path | None = None
+    partner: Path | None = None
 
     @property
     def is_binary(self) -> bool:
@@ -146,24 +150,39 @@ class Written:
 class Format:
     """One calibration format: how it is told from others, read and written.
 
-    `write` turns a set into a file; its second argument is the file's name, for findings.
+    The functions are named as `module:function` of this room, and loaded when they are needed. What tells a format is
+    given the text of a file, or the file itself, of which the beginning has to do, where the format is `binary`. What
+    writes turns a set into the text or the bytes of a file; its second argument is the file's name, for findings.
     """
 
     name: str
     endings: tuple[str, ...]
-    recognises: Callable[[Source], bool]
-    read: Callable[[Source], Content]
-    write: Callable[[ParameterSet, str], Written]
+    _recognises: str
+    _read: str
+    _write: str
+    binary: bool = False
+
+    def recognises(self, source: Source) -> bool:
+        """Whether a file is of this format."""
+        if self.binary:
+            return bool(_loaded(self._recognises)(source))
+        return not source.is_binary and bool(_loaded(self._recognises)(source.text))
+
+    def read(self, source: Source) -> Content:
+        """What a file holds; raises `InputError` with every finding."""
+        content: Content = _loaded(self._read)(source)
+        return content
+
+    def write(self, parameters: ParameterSet, file: str) -> Written:
+        """The file that holds a set; raises `InputError` naming what the format cannot hold."""
+        made: str | Written = _loaded(self._write)(parameters, file)
+        return Written(made.encode("utf-8", errors="replace")) if isinstance(made, str) else made
 
 
-def in_text(recognises: Callable[[str], bool]) -> Callable[[Source], bool]:
-    """What tells a format by its text, for files of any kind."""
-    return lambda source: not source.is_binary and recognises(source.text)
-
-
-def written(write: Callable[[ParameterSet, str], str]) -> Callable[[ParameterSet, str], Written]:
-    """What writes a text, in UTF-8."""
-    return lambda parameters, file: Written(write(parameters, file).encode("utf-8", errors="replace"))
+def _loaded(name: str) -> Callable[..., Any]:
+    module, function = name.split(":")
+    found: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), function)
+    return found
 
 
 def holds_control_characters(text: str) -> bool:

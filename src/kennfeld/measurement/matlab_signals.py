@@ -210,7 +210,7 @@ def _clock(path: str, name: str, node: Node) -> Clock | None:
     if unit is None and not _CLOCK.fullmatch(name):
         return None
     values = _vector(node)
-    if values is None or (unit is None and not np.all(np.diff(values) >= 0)):
+    if values is None or (unit is None and not np.all(values[1:] >= values[:-1])):
         return None
     return Clock(path, values, unit or "s")
 
@@ -260,7 +260,7 @@ def _first_line(loose: list[_Loose]) -> list[Clock]:
     wide = item.numbers.values.shape[1] >= item.numbers.values.shape[0]
     lines = item.numbers.values if wide else item.numbers.values.T
     time = _float64(lines[0])
-    if time.size < 3 or not np.all(np.diff(time) > 0):
+    if time.size < 3 or not np.all(time[1:] > time[:-1]):
         return []
     clock = Clock(f"{item.path}[0]", time)
     for k, line in enumerate(lines[1:], 1):

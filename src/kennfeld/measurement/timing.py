@@ -83,7 +83,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
     back = np.flatnonzero(time[1:] < time[:-1] - SAME) + 1
     found = [_backwards(table, column, time, int(k)) for k in back[:200]]
     found = [] if table.restarts else found
-    still = int(np.count_nonzero(np.diff(time) < SAME if table.restarts else time[1:] < latest[:-1] + SAME))
+    still = int(np.count_nonzero(time[1:] < (time if table.restarts else latest)[:-1] + SAME))
     if not found and 2 * still > time.size:
         mend = "Write the time with more digits, or rename the column if it is no time."
         found = [Finding(f"{table.place}, column {column.place}", f"time stands still at {still} samples", mend)]
@@ -102,7 +102,7 @@ def pieces(table: Table, time: Float) -> list[slice]:
     >>> pieces(table, np.array([0.0, 1.0, 0.5]))
     [slice(0, 2, None), slice(2, 3, None)]
     """
-    falls = np.flatnonzero(np.diff(time) < -SAME) + 1 if table.restarts else np.empty(0, dtype=np.int64)
+    falls = np.flatnonzero(time[1:] < time[:-1] - SAME) + 1 if table.restarts else np.empty(0, dtype=np.int64)
     ends = [0, *falls.tolist(), time.size]
     return [slice(begin, end) for begin, end in pairwise(ends)]
 

@@ -117,7 +117,7 @@ class _Assembling:
             return initial
         from kennfeld.surrogate import expansions
 
-        return expansions(self.surrogates).merged(initial)
+        return expansions(self.surrogates).merged(initial).from_origin(initial.origin)
 
     def _feasible(self, problem: Problem) -> Problem | None:
         """The problem, None where its limits contradict each other."""

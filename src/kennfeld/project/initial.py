@@ -1,10 +1,14 @@
 """Today's calibration: the files of `[calibration] initial`, merged."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from kennfeld.calfiles import read
+from kennfeld.calfiles import read_several
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, Flash, unwritable
+from kennfeld.calfiles.format import Notes
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.schema import ProjectFile
@@ -12,53 +16,113 @@ from kennfeld.rbf import RBF
 
 __all__ = ["described", "read_initial", "sized"]
 
+_MOST_REMARKS = 5  # on one file
+
 
 def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | None:
     """The parameters of all initial files, later files winning; None, and findings, where one cannot be used."""
-    merged, origin, good = ParameterSet(), dict[str, str](), True
-    for name in file.calibration.initial:
-        if not (file.folder / name).is_file():
-            findings.append(_missing(file, name))
-            good = False
-            continue
+    return _Start(file, findings).parameters()
+
+
+class _Start:
+    """The files on their way to one set."""
+
+    def __init__(self, file: ProjectFile, findings: list[Finding]) -> None:
+        self.file, self.findings = file, findings
+        self.merged = ParameterSet()
+        self.origin: dict[str, str] = {}  # the file that each parameter is from
+        self.image: Flash | None = None
+        self.good = True
+
+    def parameters(self) -> ParameterSet | None:
+        """All of them; None where a finding says why there are none."""
+        for name in self.file.calibration.initial:
+            given = self._read(name)
+            if given is not None:
+                self._take(name, given)
+        if self.good and any(ending in IMAGE_ENDINGS for ending in self.file.calibration.output):
+            self.good = _has_image(self.file, self.image, self.findings)
+            self.merged = self.merged.from_origin(self.image)
+        return self._in_variant() if self.good else None
+
+    def _wrong(self, *findings: Finding) -> None:
+        self.findings += findings
+        self.good = self.good and not findings
+
+    def _read(self, name: str) -> ParameterSet | None:
+        folder, description = self.file.folder, self.file.calibration.descriptions.get(name)
+        absent = [one for one in (name, description) if one and not (folder / one).is_file()]
+        if absent:
+            self._wrong(*(_missing(self.file, one) for one in absent))
+            return None
         try:
-            given = _read(file.folder / name)
+            given, remarks = _read(folder / name, folder / description if description else None)
         except InputError as error:
-            findings += error.findings
-            good = False
-            continue
-        clashes = [
-            _clash(file, merged[member.name], member, origin[member.name], name)
-            for member in given.parameters
-            if member.name in merged and not _alike(merged[member.name], member)
-        ]
-        findings += clashes
-        try:
-            merged = merged.merged(given)
-        except ArgumentError as error:
-            mend = "Files that share a group axis must agree on it."
-            findings.append(Finding(name, str(error), mend))
-            good = False
-        good = good and not clashes
-        origin |= dict.fromkeys(given, name)
-    return _in_variant(file, merged, findings) if good else None
-
-
-def _in_variant(file: ProjectFile, given: ParameterSet, findings: list[Finding]) -> ParameterSet | None:
-    """The values of the variant that the project asks for."""
-    if not file.calibration.variant:
+            self._wrong(*error.findings)
+            return None
+        self.findings += _told(name, remarks)
         return given
-    try:
-        return given.in_variant(file.calibration.variant)
-    except ArgumentError as error:
-        findings.append(Finding(file.place("[calibration] variant"), str(error)))
-        return None
+
+    def _take(self, name: str, given: ParameterSet) -> None:
+        """Put the parameters of a file over those of the files before."""
+        self._wrong(
+            *(
+                _clash(self.file, self.merged[member.name], member, self.origin[member.name], name)
+                for member in given.parameters
+                if member.name in self.merged and not _alike(self.merged[member.name], member)
+            )
+        )
+        try:
+            self.merged = self.merged.merged(given)
+        except ArgumentError as error:
+            self._wrong(Finding(name, str(error), "Files that share a group axis must agree on it."))
+        self.origin |= dict.fromkeys(given, name)
+        if isinstance(given.origin, Flash):
+            self.image = given.origin
+            self.findings += _identity(self.image)
+
+    def _in_variant(self) -> ParameterSet | None:
+        """The values of the variant that the project asks for."""
+        variant = self.file.calibration.variant
+        if not variant:
+            return self.merged
+        try:
+            return self.merged.in_variant(variant)
+        except ArgumentError as error:
+            self._wrong(Finding(self.file.place("[calibration] variant"), str(error)))
+            return None
 
 
-def _read(path: Path) -> ParameterSet:
+def _told(name: str, remarks: Sequence[Finding]) -> list[Finding]:
+    """What was left aside of a file, as long as it is little."""
+    if len(remarks) > _MOST_REMARKS:
+        what = f"{len(remarks)} remarks on what is left aside or not as usual"
+        return [Finding(name, what, f"kennfeld info {name} lists them.", severity="remark")]
+    return [replace(remark, severity="remark") for remark in remarks]
+
+
+def _identity(flash: Flash) -> tuple[Finding, ...]:
+    """A warning where the image is of another program than the A2L file."""
+    from kennfeld.calfiles.a2l.reader import say_identity
+
+    notes = Notes(flash.a2l.file)
+    say_identity(flash.a2l, flash.image, notes)
+    return notes.settle()
+
+
+def _has_image(file: ProjectFile, image: Flash | None, findings: list[Finding]) -> bool:
+    """Whether the images to be written have one to start from, of their kind."""
+    wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
+    wrong = [found for ending in wanted if (found := unwritable(image, ending))]
+    findings += [Finding(file.place("[calibration] output"), *found) for found in wrong]
+    return not wrong
+
+
+def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
     """The parameters of a calibration file, or the expansion of a static surrogate as one that may be fitted."""
     if path.suffix.casefold() != ".json" or not _is_surrogate(path):
-        return read(path)
+        [given], remarks = read_several([path], a2l)
+        return given, remarks
     from kennfeld.surrogate import StaticSurrogate, read_surrogate
 
     made = read_surrogate(path)
@@ -66,7 +130,7 @@ def _read(path: Path) -> ParameterSet:
         what = f"{made.name} is a dynamic surrogate, which cannot be a parameter"
         raise InputError.of(path.name, what, f'Write [surrogates] and {made.name} = "{path.name}".')
     unit = made.units[-1] if made.units else ""
-    return ParameterSet([RBF(made.name, made.expansion, made.inputs, unit=unit)])
+    return ParameterSet([RBF(made.name, made.expansion, made.inputs, unit=unit)]), ()
 
 
 def _is_surrogate(path: Path) -> bool:

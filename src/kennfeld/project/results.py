@@ -14,8 +14,9 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.calfiles import write as write_parameters
+from kennfeld.calfiles.flash import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.trust_table import write_trust
@@ -48,10 +49,12 @@ def write(
     folder: str | Path,
     documents: Mapping[str, str] | None = None,
     further: Mapping[str, Any] | None = None,
+    told: list[Finding] | None = None,
 ) -> tuple[Path, ...]:
     """Write a result into a folder, with further texts by file name, and give the paths of its files.
 
-    `further` are keys of `result.json` besides those of the result.
+    `further` are keys of `result.json` besides those of the result. What should be said about calibration files goes
+    to `told`, and so does why an image cannot hold the values: that leaves out the image alone.
 
     Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
     """
@@ -59,7 +62,8 @@ def write(
     simulation = project.simulate(result.parameters, result.shifts)
     with _written_beside(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
-            write_parameters(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
+            said = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
+            (told if told is not None else []).extend(said)
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
@@ -70,7 +74,19 @@ def write(
             path.name for path in sorted(scratch.iterdir(), key=lambda path: (path.name == "result.json", path.name))
         ]
         _move(names, scratch, target)
+    for ending in project.formats:
+        if ending in IMAGE_ENDINGS and f"parameters{ending}" not in names:
+            (target / f"parameters{ending}").unlink(missing_ok=True)  # an older one would be taken for this one
     return tuple(target / name for name in names)
+
+
+def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
+    try:
+        return write_parameters(parameters, path)
+    except InputError as error:
+        if path.suffix not in IMAGE_ENDINGS:
+            raise
+        return error.findings
 
 
 def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:

@@ -203,6 +203,7 @@ class CalibrationEntry:
     """`[calibration]`; `output` as file endings."""
 
     initial: tuple[str, ...] = ()
+    descriptions: Mapping[str, str] = field(default_factory=dict)  # the A2L file of each image among them
     variant: str = ""
     output: tuple[str, ...] = ()
     free: tuple[str, ...] = ("*",)

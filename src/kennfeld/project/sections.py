@@ -18,15 +18,13 @@ from kennfeld.project.schema import (
     RegionEntry,
     TargetEntry,
 )
-from kennfeld.project.section import NEXT, Section, finite
+from kennfeld.project.section import Section, finite
 from kennfeld.project.steady_section import check_steady, steady_entries
 from kennfeld.project.step_sections import steps
 from kennfeld.project.table_sections import group_axis, parameter_entry
 from kennfeld.project.toml import is_training, read_toml
 
 __all__ = ["read_datasets", "read_project"]
-
-_LATER_FORMATS = ("hex", "s19")
 
 
 def read_project(path: Path) -> ProjectFile:
@@ -155,8 +153,10 @@ def _calibration(root: Section) -> CalibrationEntry:
     section = root.section("calibration")
     if section is None:
         return CalibrationEntry()
+    initial, descriptions = _initial(section)
     entry = CalibrationEntry(
-        initial=section.texts("initial"),
+        initial=initial,
+        descriptions=descriptions,
         variant=section.text("variant"),
         output=tuple(ending for word in section.texts("output") if (ending := _ending(section, word))),
         free=section.texts("free") if section.has("free") else ("*",),
@@ -171,12 +171,34 @@ def _ending(section: Section, word: str) -> str:
     if ending in endings():
         return ending
     known = [known.removeprefix(".") for known in endings()]
-    if ending.removeprefix(".") in _LATER_FORMATS:
-        section.report("output", f"the format {word!r} {NEXT}", f"Choose from {', '.join(known)}.")
-    else:
-        mend = nearest(word, known) or f"Choose from {', '.join(known)}."
-        section.report("output", f"{word!r} is no calibration format", mend)
+    mend = nearest(word, known) or f"Choose from {', '.join(known)}."
+    section.report("output", f"{word!r} is no calibration format", mend)
     return ""
+
+
+def _initial(section: Section) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The initial files, and the A2L file of each image among them."""
+    value = section.get("initial")
+    if value is None:
+        return (), {}
+    names: list[str] = []
+    descriptions: dict[str, str] = {}
+    for item in value if isinstance(value, list) else [value]:
+        if isinstance(item, dict):
+            inner = Section(item, f"{section.place} initial", section.findings)
+            name, description = inner.text("hex"), inner.text("a2l")
+            inner.end()
+            if not name:
+                inner.report("hex", "the key is missing", 'Write initial = { a2l = "ecu.a2l", hex = "ecu.hex" }.')
+                continue
+            names.append(name)
+            if description:
+                descriptions[name] = description
+        elif isinstance(item, str) and item.strip():
+            names.append(item)
+        else:
+            section.report("initial", f"{item!r} is no file", 'Write "start.dcm" or { a2l = "...", hex = "..." }.')
+    return tuple(dict.fromkeys(names)), descriptions
 
 
 def _criteria(root: Section) -> tuple[CriterionEntry, ...]:

@@ -39,6 +39,8 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
         yield "surrogate", file.folder / name
     for name in file.calibration.initial:
         yield "start", file.folder / name
+    for name in file.calibration.descriptions.values():
+        yield "start", file.folder / name
     for entry in file.datasets:
         for pattern in entry.files:
             for path in matching(file.folder, pattern):

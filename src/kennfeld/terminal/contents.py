@@ -8,8 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld import calfiles, measurement
-from kennfeld.calfiles.cdfx import recognises_cdfx
-from kennfeld.calfiles.dcm_lines import recognises_dcm
+from kennfeld.calfiles.cdfx.reader import recognises_cdfx
+from kennfeld.calfiles.dcm.lines import recognises_dcm
+from kennfeld.calfiles.excel.book import is_calibration_workbook
+from kennfeld.calfiles.flash import recognises_a2l, recognises_flash
+from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
+from kennfeld.calfiles.matlab_script import recognises_script
+from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
@@ -43,6 +49,7 @@ _LINE_OF_FORMULA = re.compile(
 )
 _CALIBRATIONS = (Kind.DCM, Kind.CVX, Kind.JSON)
 _HEAD = 65536
+_LARGEST_CALIBRATION = 100_000_000  # bytes of a data file of MATLAB that is looked into
 
 
 @dataclass(frozen=True)
@@ -60,8 +67,10 @@ class Contents:
         return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
 
 
-def contents(path: str | Path) -> Contents:
-    """What is in a measurement, calibration, formula, Simulink, project or training file, told by its content.
+def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
+    """What is in a measurement, calibration, A2L, formula, Simulink, project or training file, told by its content.
+
+    `a2l` describes the labels of an image; by default the A2L file beside it.
 
     Raises `InputError` where there is no such file, or it can be read as none of these.
     """
@@ -81,12 +90,27 @@ def contents(path: str | Path) -> Contents:
         return _surrogate(file)
     if file.suffix.lower() == ".kf":
         return _formula(file, formulas.read(file, surrogates=formulas.surrogates_beside(file)))
-    if kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head)):
+    if recognises_flash(Source(file.name, head.encode())):
+        return _calibration(calfiles.describe(file, a2l))
+    if recognises_a2l(head):
+        return _a2l(calfiles.describe_a2l(file))
+    if _is_calibration(file, kind, head):
         return _calibration(calfiles.describe(file))
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
         text, beside = formulas.text_of(file), formulas.surrogates_beside(file)
         return _formula(file, formulas.formula(text, file.name, surrogates=beside))
     return _measurement(measurement.describe(path))
+
+
+def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
+    if kind is Kind.EXCEL:
+        return is_calibration_workbook(Source(file.name, file.read_bytes(), file))
+    if kind in (Kind.MATLAB, Kind.HDF5, Kind.OTHER) and file.stat().st_size < _LARGEST_CALIBRATION:
+        source = Source(file.name, file.read_bytes(), file)
+        return recognises_mat(source) and is_calibration_mat(source)
+    if recognises_msq(head) or (kind is Kind.CSV and recognises_script(head)):
+        return True
+    return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head))
 
 
 def _sniffed(file: Path) -> tuple[Kind, str]:
@@ -139,11 +163,17 @@ def _measurement(found: measurement.Description) -> Contents:
 
 
 def _calibration(found: calfiles.CalibrationFile) -> Contents:
-    rows = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
+    rows: list[Sequence[str]] = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
     rows += [
         (p.name, p.kind, " x ".join(map(str, p.shape)), p.unit, _number(p.minimum), _number(p.maximum), p.description)
         for p in found.parameters
     ]
+    for heading, cells in (
+        ("functions", [", ".join(p.functions) for p in found.parameters]),
+        ("variants", [", ".join(variant or "(none)" for variant in p.variants) for p in found.parameters]),
+    ):
+        if any(cells):
+            rows = [(*row, cell) for row, cell in zip(rows, [heading, *cells], strict=True)]
     axes = [("group axis", "size", "unit", "begin", "end")]
     axes += [(a.name, str(len(a)), a.unit, _number(a.breakpoints[0]), _number(a.breakpoints[-1])) for a in found.axes]
     texts = [("text", "content"), *((text.name, text.text) for text in found.texts)]
@@ -162,6 +192,42 @@ def _calibration(found: calfiles.CalibrationFile) -> Contents:
         "remarks": [str(remark) for remark in found.remarks],
     }
     return Contents(summary, [rows, axes, texts], [str(remark) for remark in found.remarks], _plain(as_json))
+
+
+def _a2l(found: calfiles.A2lFile) -> Contents:
+    a2l, labels = found.a2l, found.labels
+    rows = [("label", "kind", "size", "unit", "lower", "upper", "address", "function", "description")]
+    rows += [
+        (
+            one.name,
+            one.kind,
+            " x ".join(map(str, one.shape)),
+            one.unit,
+            _number(one.lower),
+            _number(one.upper),
+            f"0x{one.address:X}",
+            ", ".join(one.functions),
+            one.description,
+        )
+        for one in labels
+    ]
+    counts = {"labels": len(a2l.characteristics), "group axes": len(a2l.axis_pts), "measurements": a2l.measurements}
+    counted = ", ".join(f"{count} {thing}" for thing, count in counts.items())
+    version = f"ASAP2 {a2l.version}" if a2l.version else "ASAP2"
+    as_json = {
+        "content": "a2l",
+        "file": found.path.name,
+        "version": a2l.version,
+        "project": a2l.project,
+        "module": a2l.module,
+        "program": a2l.epk,
+        "measurements": a2l.measurements,
+        "functions": [{"name": one.name, "description": one.description} for one in a2l.functions.values()],
+        "labels": [asdict(one) for one in labels],
+        "remarks": [str(remark) for remark in found.remarks],
+    }
+    summary = f"{found.path.name}: A2L description ({version}, project {a2l.project}), {counted}"
+    return Contents(summary, [rows], [str(remark) for remark in found.remarks], _plain(as_json))
 
 
 def _surrogate(file: Path) -> Contents:

@@ -21,7 +21,6 @@ from kennfeld.models.simulink.trouble import Trouble
 __all__ = ["Builder"]
 
 _DEEPEST = 60  # subsystems within subsystems
-_MOST_BRANCHES = 100  # branches of branches of a line
 _NAMING = frozenset({"BlockType", "Name", "SID", "Ports", "ClassName", "PropName", "ObjectID"})
 _LINKING = frozenset(
     {

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import isfinite, nan
+from typing import Any
 
 import numpy as np
 
@@ -40,12 +41,18 @@ class _Row:
 
 @dataclass
 class _Record:
-    """One record: its type line, the rows of values after it, and its variant."""
+    """One record: its type line, the rows of values after it, and the lines that say where it belongs."""
 
     name: str
     row: _Row
     rows: list[_Row] = field(default_factory=list)
-    variant: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()
+    variant: str = ""
+    display_name: str = ""
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        return {"functions": self.functions, "display_name": self.display_name, "variant": self.variant}
 
     @property
     def kind(self) -> str:
@@ -92,6 +99,19 @@ class _Dialect:
             return None
         return cell[1:-1].replace(self.quote * 2, self.quote)
 
+    def variant(self, cells: list[str]) -> str:
+        """The variant in the cells `"Car"."Cabrio"`, `"Gear"."Manual"`: Car=Cabrio,Gear=Manual."""
+        quote = re.escape(self.quote)
+        text = f"{quote}((?:[^{quote}]|{quote}{quote})*){quote}"
+        pairs = (re.fullmatch(rf"{text}\s*[.,]\s*{text}", cell) for cell in cells)
+        said = [
+            f"{self.text(f'{self.quote}{pair[1]}{self.quote}')}={self.text(f'{self.quote}{pair[2]}{self.quote}')}"
+            if pair
+            else self.text(cell) or cell
+            for cell, pair in zip(cells, pairs, strict=True)
+        ]
+        return ",".join(filter(None, said))
+
     def numbers(self, cells: list[str]) -> list[float]:
         """The numbers of cells; NaN for a cell that holds none."""
         if self.point == ".":
@@ -133,10 +153,7 @@ def read_cvx(source: Source) -> Content:
         if record.kind not in _AXES:
             reader.take(record)
     remarks = notes.settle()
-    members = [member for _, member in reader.members.values()]
-    texts = [text for _, text in reader.texts.values()]
-    groups = [Axis(axis.breakpoints, unit=axis.unit, name=axis.name) for axis in reader.groups()]
-    return Content(f"CVX {dialect.version}", ParameterSet(members, texts, groups), remarks)
+    return Content(f"CVX {dialect.version}", reader.parameters(), remarks)
 
 
 def _dialect(text: str, notes: Notes) -> _Dialect:
@@ -171,9 +188,9 @@ def _records(text: str, dialect: _Dialect, notes: Notes) -> list[_Record]:
         elif row.cells[0] in _TYPES:
             notes.error(row.line, "", f"{row.cells[0]} follows no identifier", "Put its name in column 2 before it.")
             records.append(_Record("", row))
-        elif records and row.cells[0] == "VARIANT":
-            records[-1].variant = tuple(row.values)
-        elif records and row.cells[0] not in _CODINGS:
+        elif records and row.cells[0].strip("'") in _CODINGS:
+            _code(records[-1], row, dialect)
+        elif records:
             records[-1].rows.append(row)
         before = row
     if not records and before.line > 1:
@@ -182,18 +199,36 @@ def _records(text: str, dialect: _Dialect, notes: Notes) -> list[_Record]:
     return [record for record in records if record.name]
 
 
+def _code(record: _Record, row: _Row, dialect: _Dialect) -> None:
+    """Heed a line that says to which function or variant a record belongs, or how it is displayed."""
+    kind = row.cells[0].strip("'")
+    first = (dialect.text(row.values[0]) or "") if row.values else ""
+    if kind == "VARIANT":
+        record.variant = dialect.variant(row.values)
+    elif kind == "DISPLAY_IDENTIFIER":
+        record.display_name = first
+    elif first and first not in record.functions:
+        record.functions += (first,)
+
+
 class _Reader:
     def __init__(self, notes: Notes, dialect: _Dialect) -> None:
         self.notes = notes
         self.dialect = dialect
-        self.axes: dict[tuple[str, str], tuple[_Record, Axis]] = {}  # by type and name
-        self.folded: dict[tuple[str, str], tuple[_Record, Axis]] = {}  # without regard to case
-        self.members: dict[str, tuple[_Record, Parameter]] = {}
-        self.texts: dict[str, tuple[_Record, Text]] = {}
+        self.axes: dict[tuple[str, str, str], tuple[_Record, Axis]] = {}  # by type, name and variant
+        self.folded: dict[tuple[str, str, str], Axis] = {}  # without regard to case
+        self.groups: dict[str, Axis] = {}  # group axes, each in its first variant
+        self.groups_folded: dict[str, Axis] = {}
+        self.things: dict[tuple[str, str], tuple[_Record, Parameter | Text]] = {}  # by name and variant
+        self.first: dict[str, Parameter | Text] = {}  # of each name
 
-    def groups(self) -> list[Axis]:
-        """The group axes in the order of the file."""
-        return [axis for (kind, _), (_, axis) in self.axes.items() if kind == "AXIS_PTS"]
+    def parameters(self) -> ParameterSet:
+        """The set; the first variant of each name counts."""
+        things = [thing for _, thing in self.things.values()]
+        chosen = [thing for thing in things if self.first[thing.name] is thing]
+        members = [thing for thing in chosen if isinstance(thing, Parameter)]
+        texts = [thing for thing in chosen if isinstance(thing, Text)]
+        return ParameterSet(members, texts, self.groups.values(), [t for t in things if self.first[t.name] is not t])
 
     def take_axis(self, record: _Record) -> None:
         cells = [record.row, *record.rows]
@@ -205,49 +240,51 @@ class _Reader:
             what = "has no breakpoints" if not points.size else f"does not increase: {_fall(points)}"
             self._wrong(record, f"{record.kind} {what}")
             return
-        axis = Axis(points, unit=record.unit, name=record.name if record.kind == "AXIS_PTS" else "")
-        first, known = self.axes.setdefault((record.kind, record.name), (record, axis))
-        self.folded.setdefault((record.kind, record.name.casefold()), (record, axis))
+        is_group = record.kind == "AXIS_PTS"
+        axis = Axis(points, unit=record.unit, name=record.name if is_group else "")
+        first, known = self.axes.setdefault((record.kind, record.name, record.variant), (record, axis))
+        for variant in (record.variant, ""):
+            self.folded.setdefault((record.kind, record.name.casefold(), variant), axis)
         if not np.array_equal(known.breakpoints, points):
             self._repeated(record, first)
+        elif is_group:
+            self._take_group(record, axis)
+
+    def _take_group(self, record: _Record, axis: Axis) -> None:
+        group = self.groups.setdefault(record.name, axis)
+        self.groups_folded.setdefault(record.name.casefold(), axis)
+        if not np.array_equal(group.breakpoints, axis.breakpoints):
+            what = f"is the group axis in another variant ({record.variant}); left aside"
+            self.notes.remark(record.row.line, record.name, what)
 
     def take(self, record: _Record) -> None:
         text = self.dialect.text(record.row.values[0]) if record.row.values else None
         if record.kind in ("ASCII", "VALUE") and text is not None:
-            first, known = self.texts.setdefault(record.name, (record, Text(record.name, text)))
-            if known.text != text:
-                self._repeated(record, first)
-            self._one_kind(record)
+            self._hold(record, Text(record.name, text, **record.labels))
         elif record.kind in _LEFT_ASIDE or self._holds_text(record):
             self.notes.remark(record.row.line, record.name, f"{record.kind} with its content is left aside")
         else:
-            self._take_member(record, self._member(record))
+            member = self._member(record)
+            if member is not None:
+                self._hold(record, member)
 
-    def _take_member(self, record: _Record, member: Parameter | None) -> None:
-        if member is None:
-            return
-        first, known = self.members.setdefault(record.name, (record, member))
-        if known.values.shape != member.values.shape or not np.array_equal(known.values, member.values):
-            self._repeated(record, first)
-        self._one_kind(record)
-
-    def _one_kind(self, record: _Record) -> None:
-        if record.name in self.texts and record.name in self.members:
+    def _hold(self, record: _Record, thing: Parameter | Text) -> None:
+        """Keep a parameter or text; one identifier may occur once a variant."""
+        first = self.first.setdefault(record.name, thing)
+        if isinstance(first, Text) != isinstance(thing, Text):
             self._wrong(record, f"{record.name} is defined a second time, as a number and as a text")
+            return
+        before, known = self.things.setdefault((record.name, record.variant), (record, thing))
+        if not _same(known, thing):
+            what = f"{record.name} is defined a second time, with other values than in line {before.row.line}"
+            self._wrong(record, what, "Keep one of the two.")
 
     def _holds_text(self, record: _Record) -> bool:
         return any(self.dialect.text(cell) is not None for row in (record.row, *record.rows) for cell in row.values)
 
     def _repeated(self, record: _Record, first: _Record) -> None:
-        """One identifier may occur once a variant; the first variant counts."""
-        line = first.row.line
-        if record.variant == first.variant:
-            what = f"{record.name} is defined a second time, with other values than in line {line}"
-            self._wrong(record, what, "Keep one of the two.")
-        else:
-            variant = " ".join(record.variant)
-            what = f"is another variant ({variant}) of the record in line {line}; left aside"
-            self.notes.remark(record.row.line, record.name, what)
+        what = f"{record.name} is defined a second time, with other values than in line {first.row.line}"
+        self._wrong(record, what, "Keep one of the two.")
 
     def _wrong(self, record: _Record, what: str, mend: str = "") -> None:
         self.notes.error(record.row.line, record.name, what, mend)
@@ -266,7 +303,7 @@ class _Reader:
             if values is not None:
                 self._wrong(record, f"VALUE has {values.size} values, not one")
             return None
-        return parameter(record.name, values[0], unit=record.unit)
+        return parameter(record.name, values[0], unit=record.unit, **record.labels)
 
     def _block(self, record: _Record) -> Parameter | None:
         rows = [row for row in (record.row, *record.rows) if row.values]
@@ -278,7 +315,7 @@ class _Reader:
             self._wrong(record, f"VAL_BLK has rows of {sorted(widths)} values" if rows else "VAL_BLK has no values")
             return None
         shaped = values if len(rows) == 1 else values.reshape(len(rows), -1).T
-        return Block(record.name, shaped, unit=record.unit)
+        return Block(record.name, shaped, unit=record.unit, **record.labels)
 
     def _table(self, record: _Record) -> Parameter | None:
         letters = "XY" if record.kind == "MAP" else "X"
@@ -298,7 +335,7 @@ class _Reader:
         if values is None:
             return None
         shaped = values.reshape(count, -1).T if len(own) == 2 else values
-        return parameter(record.name, shaped, own, unit=record.unit)
+        return parameter(record.name, shaped, own, unit=record.unit, **record.labels)
 
     def _widths_agree(self, record: _Record, rows: list[_Row], width: int) -> bool:
         short = [row for row in rows if len(row.values) != width]
@@ -309,12 +346,17 @@ class _Reader:
 
     def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
         named = record.row.cells[cell] if cell < len(record.row.cells) else ""
-        for kind, name in (("AXIS_PTS", named), (f"{letter}_AXIS_PTS", record.name)):
-            found = self.axes.get((kind, name)) or self.folded.get((kind, name.casefold()))
-            if found:
-                return found[1]
+        group = self.groups.get(named) or self.groups_folded.get(named.casefold())
+        if named and group is not None:
+            return group
+        kind = f"{letter}_AXIS_PTS"
+        for variant in (record.variant, ""):
+            exact = self.axes.get((kind, record.name, variant))
+            found = exact[1] if exact else self.folded.get((kind, record.name.casefold(), variant))
+            if found is not None:
+                return found
         width = max((len(row.values) for row in record.rows), default=0)
-        sizes = {len(axis) for axis in self.groups()}
+        sizes = {len(axis) for axis in self.groups.values()}
         if (width if letter == "X" else len(record.rows)) in sizes | {size + 1 for size in sizes if letter == "Y"}:
             what = f"{record.kind} does not say which group axis is its {letter.lower()} axis; left aside"
             self.notes.remark(record.row.line, record.name, what, "Export it as DCM.")
@@ -335,6 +377,12 @@ class _Reader:
         for line, cell in wrong:
             self.notes.error(line, record.name, f"{cell[:60]!r} is no number")
         return None if wrong else np.array([number for found in numbers for number in found], dtype=np.float64)
+
+
+def _same(first: Parameter | Text, second: Parameter | Text) -> bool:
+    if isinstance(first, Text) or isinstance(second, Text):
+        return isinstance(first, Text) and isinstance(second, Text) and first.text == second.text
+    return first.values.shape == second.values.shape and np.array_equal(first.values, second.values)
 
 
 def _fall(points: Float) -> str:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.dcm_lines import Block as Lines
-from kennfeld.calfiles.dcm_lines import DcmLines, split, unquoted
+from kennfeld.calfiles.dcm.lines import Block as Lines
+from kennfeld.calfiles.dcm.lines import DcmLines, split, unquoted
 from kennfeld.calfiles.format import Content, Notes, Source, counted
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
 

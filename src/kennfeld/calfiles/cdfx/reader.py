@@ -14,10 +14,10 @@ from math import prod
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.cdfx_instances import Instance, instances
-from kennfeld.calfiles.cdfx_values import Values, array_size, values_of
+from kennfeld.calfiles.cdfx.instances import Instance, instances
+from kennfeld.calfiles.cdfx.values import Values, array_size, values_of
 from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.calfiles.xml_tree import Element, parsed
+from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
 
 __all__ = ["read_cdfx", "recognises_cdfx"]
@@ -40,11 +40,15 @@ def recognises_cdfx(text: str) -> bool:
 def read_cdfx(source: Source) -> Content:
     """The parameters of a CDFX file, with variants or without; where there are several, the first variant counts.
 
-    Raises `InputError` with every finding; text tables, axes that cannot be resolved, functions and histories
-    are left aside with a remark. Entities are refused.
+    Raises `InputError` with every finding; text tables, axes that cannot be resolved and histories are left aside
+    with a remark. Entities are refused.
     """
-    notes = Notes(source.name)
-    root = parsed(source.raw, notes)
+    with collection_paused():
+        return _read(source, Notes(source.name))
+
+
+def _read(source: Source, notes: Notes) -> Content:
+    root = parsed(source.raw, notes, "V")
     if root is None:
         notes.settle()
         raise AssertionError("a document that is not read has a finding")
@@ -61,7 +65,7 @@ def read_cdfx(source: Source) -> Content:
     remarks = notes.settle()
     version = _VERSION.fullmatch(root.line_of("CATEGORY").strip())
     kind = f"CDFX {version[1]}.{version[2]}" if version else "CDFX"
-    return Content(kind, ParameterSet(reader.members, reader.texts, reader.groups.values()), remarks)
+    return Content(kind, reader.parameters(), remarks)
 
 
 def _holds(root: Element, tag: str) -> bool:
@@ -96,18 +100,33 @@ class _Positions:
 class _Reader:
     def __init__(self, notes: Notes) -> None:
         self.notes = notes
-        self.members: list[Parameter] = []
-        self.texts: list[Text] = []
+        self.things: dict[tuple[str, str], Parameter | Text] = {}  # by name and variant
+        self.kinds: dict[str, type] = {}  # of the first variant of each label
         self.groups: dict[str, Axis] = {}
         self.positions: dict[str, _Positions] = {}
         self.broken: set[str] = set()  # axes with a finding of their own
-        self.taken: dict[str, tuple[int, object]] = {}  # each name: its line, and what it stands for
+        self.taken: dict[tuple[str, str], tuple[int, object]] = {}  # each name and variant: its line, what it holds
+
+    def parameters(self) -> ParameterSet:
+        """The set of all that was taken; the first variant of each label counts."""
+        first = {name: (name, variant) for name, variant in reversed(self.things)}
+        chosen = [thing for key, thing in self.things.items() if first[key[0]] == key]
+        return ParameterSet(
+            [thing for thing in chosen if isinstance(thing, Parameter)],
+            [thing for thing in chosen if isinstance(thing, Text)],
+            self.groups.values(),
+            [thing for key, thing in self.things.items() if first[key[0]] != key],
+        )
 
     def take_axis(self, instance: Instance) -> None:
         """Keep an axis that tables refer to."""
         # A CURVE_AXIS is a parameter too, whose findings are noted where it is taken.
         notes = Notes("") if instance.category == "CURVE_AXIS" else self.notes
         values = values_of(instance.value, instance.name, notes)
+        if instance.variant and (instance.name in self.groups or instance.name in self.positions):
+            if instance.category != "CURVE_AXIS":  # which is a curve in each of its variants
+                self._left_aside(instance, f"is the axis in another variant ({instance.variant})")
+            return
         if values is not None and values.texts:
             if instance.category == "COM_AXIS":
                 self._left_aside(instance, "holds text, which is no breakpoint")
@@ -169,20 +188,26 @@ class _Reader:
             found = counted(len(values.numbers) + len(values.texts), "value")
             self._wrong(instance, f"{instance.category} has {found}, not one text")
             return
-        text = Text(instance.name, "".join(values.texts), instance.description)
-        if self._is_new(instance, text):
-            self.texts.append(text)
+        self._hold(instance, Text(instance.name, "".join(values.texts), **instance.labels))
 
     def _take_member(self, instance: Instance, values: Values) -> None:
         makers: dict[str, Callable[[Instance, Values], Parameter | None]] = dict.fromkeys(_SCALARS, self._scalar)
         makers |= dict.fromkeys(_BLOCKS, self._block)
         member = makers.get(instance.category, self._table)(instance, values)
-        if member is not None and self._is_new(instance, member):
-            self.members.append(member)
+        if member is not None:
+            self._hold(instance, member)
+
+    def _hold(self, instance: Instance, thing: Parameter | Text) -> None:
+        """Keep what a label is in a variant."""
+        first = self.kinds.setdefault(instance.name, type(thing))
+        if first is not type(thing) and Text in (first, type(thing)):
+            self._left_aside(instance, "is a text in one variant and a number in another")
+        elif self._is_new(instance, thing):
+            self.things[instance.name, instance.variant] = thing
 
     def _is_new(self, instance: Instance, made: object) -> bool:
         """Whether a name comes for the first time; a repetition must hold the same."""
-        line, first = self.taken.setdefault(instance.name, (instance.line, made))
+        line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, made))
         if first is not made and first != made:
             what = f"{instance.name} is defined a second time, with another content than in line {line}"
             self._wrong(instance, what, "Keep one of the two.")
@@ -195,7 +220,7 @@ class _Reader:
         if instance.category.startswith("DEP"):
             what = "is a dependent value: its number is read, the formula for it is in the A2L file"
             self.notes.remark(instance.line, instance.name, what)
-        return parameter(instance.name, values.numbers[0], unit=instance.unit, description=instance.description)
+        return parameter(instance.name, values.numbers[0], unit=instance.unit, **instance.labels)
 
     def _block(self, instance: Instance, values: Values) -> Parameter | None:
         assert instance.value is not None
@@ -215,7 +240,7 @@ class _Reader:
             return None
         array = values.shaped(shape)
         assert array is not None
-        return Block(instance.name, array, unit=instance.unit, description=instance.description)
+        return Block(instance.name, array, unit=instance.unit, **instance.labels)
 
     def _table(self, instance: Instance, values: Values) -> Parameter | None:
         wanted = _TABLES[instance.category]
@@ -234,7 +259,7 @@ class _Reader:
             asked = " x ".join(str(len(axis)) for axis in axes)
             self._wrong(instance, f"{instance.category} has {has} values, its axes ask for {asked}")
             return None
-        return parameter(instance.name, array, axes, unit=instance.unit, description=instance.description)
+        return parameter(instance.name, array, axes, unit=instance.unit, **instance.labels)
 
     def _axis(self, instance: Instance, direction: int, size: int) -> Axis | None:
         cont = instance.axes[direction]

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.dcm_lines import Block as Lines
-from kennfeld.calfiles.dcm_reader import Dcm, Key, VariantValue, variant_values
-from kennfeld.calfiles.dcm_writer import axis_block, in_the_block_of, quoted, refuse, thing_block, whole_text
+from kennfeld.calfiles.dcm.lines import Block as Lines
+from kennfeld.calfiles.dcm.reader import Dcm, Key, VariantValue, variant_values
+from kennfeld.calfiles.dcm.writer import axis_block, in_the_block_of, quoted, refuse, thing_block, whole_text
 from kennfeld.calfiles.format import Written
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 

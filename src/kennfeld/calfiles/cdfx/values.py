@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Notes, counted
-from kennfeld.calfiles.xml_tree import Element
+from kennfeld.calfiles.xml_tree import PARTED, Element
 
 __all__ = ["Values", "array_size", "values_of"]
 
@@ -50,7 +50,7 @@ def values_of(holder: Element | None, name: str, notes: Notes) -> Values | None:
 def array_size(holder: Element) -> tuple[int, ...]:
     """What SW-ARRAYSIZE states, x first, without the ones that INCA appends; empty where it states nothing usable."""
     found = holder.first("SW-ARRAYSIZE")
-    words = [child.text.strip() for child in found.all("V")] if found else []
+    words = [word.strip() for word in found.words("V")] if found else []
     if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
         return ()
     return tuple(int(word) for word in words)
@@ -86,29 +86,38 @@ class _Taken:
             if child.tag == "VT":
                 self.values.texts.append(child.text)
             elif child.tag in _NUMBERS:
-                number = _number(child)
-                if number is None:
-                    word = child.text.strip()[:60]
-                    mend = "Write a decimal point." if _has_comma(word) else ""
-                    self.notes.error(child.line, self.name, f"{word!r} is no finite number", mend)
-                    self.wrong = True
+                words = child.text.split(PARTED)
+                # Python would read 1_000 as a thousand.
+                numbers = None if "_" in child.text else _numbers(child.tag, words)
+                if numbers is None:
+                    self._wrong(child, words)
                 else:
-                    self.values.numbers.append(number)
+                    self.values.numbers += numbers
+
+    def _wrong(self, child: Element, words: list[str]) -> None:
+        """Name each word that is no number, with its line."""
+        line = child.line
+        for word in words:
+            if "_" in word or _numbers(child.tag, [word]) is None:
+                shown = word.strip()[:60]
+                mend = "Write a decimal point." if _has_comma(shown) else ""
+                at = line + word[: len(word) - len(word.lstrip())].count("\n")
+                self.notes.error(at, self.name, f"{shown!r} is no finite number", mend)
+            line += word.count("\n")
+        self.wrong = True
 
 
 def _size(shape: tuple[int, ...] | None) -> str:
     return counted(prod(shape or ()), "value")
 
 
-def _number(element: Element) -> float | None:
-    word = element.text.strip()
+def _numbers(tag: str, words: list[str]) -> list[float] | None:
+    """The numbers of words; None where one of them is none, or not finite."""
     try:
-        if element.tag == "VH" and "_" not in word:
-            return float(int(word, 16))
-        number = float(word)
+        numbers = [float(int(word, 16)) for word in words] if tag == "VH" else list(map(float, words))
     except (ValueError, OverflowError):
         return None
-    return number if isfinite(number) and "_" not in word else None
+    return numbers if all(map(isfinite, numbers)) else None
 
 
 def _has_comma(word: str) -> bool:

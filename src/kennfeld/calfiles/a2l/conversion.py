@@ -1,0 +1,188 @@
+"""Raw numbers to physical ones and back, by the conversions (COMPU_METHOD) of ASAM MCD-2 MC.
+
+    LINEAR a b              physical = a raw + b
+    RAT_FUNC a b c d e f    raw = (a p^2 + b p + c) / (d p^2 + e p + f),   p physical
+
+A conversion that has no unique inverse says so; nothing is guessed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.a2l.cursor import UnusableError
+from kennfeld.calfiles.a2l.formula import arithmetic
+from kennfeld.calfiles.a2l.objects import A2l, CompuMethod, CompuTab, CompuVtab
+
+__all__ = ["Conversion", "Words", "conversion_of"]
+
+Numbers = Callable[[Float], Float]
+
+
+@dataclass(frozen=True)
+class Words:
+    """Texts that stand for raw numbers."""
+
+    table: CompuVtab
+
+    def text(self, raw: float) -> str | None:
+        """The word of a raw number, None where there is none."""
+        for least, most, word in self.table.ranges:
+            if least <= raw <= most:
+                return word
+        return self.table.default
+
+    def raw(self, text: str) -> float | None:
+        """The least raw number that a word stands for."""
+        return next((least for least, _, word in self.table.ranges if word == text), None)
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """One conversion, ready to use; `raw` is None where it has no inverse. NaN stands for what has no value."""
+
+    name: str
+    unit: str
+    physical: Numbers
+    raw: Numbers | None
+    words: Words | None = None
+
+
+def conversion_of(a2l: A2l, name: str, lower: float, upper: float) -> Conversion:
+    """The conversion of an object within physical limits. Raises `UnusableError`."""
+    if name in ("NO_COMPU_METHOD", ""):
+        return Conversion(name, "", _same, _same)
+    method = a2l.compu_methods.get(name)
+    if method is None:
+        raise UnusableError(f"has the conversion {name[:60]}, which is not defined")
+    physical, raw, words = _functions(a2l, method, lower, upper)
+    return Conversion(name, method.unit, physical, raw, words)
+
+
+def _same(values: Float) -> Float:
+    return values
+
+
+def _functions(
+    a2l: A2l, method: CompuMethod, lower: float, upper: float
+) -> tuple[Numbers, Numbers | None, Words | None]:
+    if method.kind == "IDENTICAL":
+        return _same, _same, None
+    if method.kind == "LINEAR":
+        return *_linear(*method.coeffs), None
+    if method.kind == "RAT_FUNC":
+        return *_rational(method, lower, upper), None
+    if method.kind in ("TAB_INTP", "TAB_NOINTP", "TAB_VERB"):
+        return _by_table(a2l, method)
+    if method.kind == "FORM":
+        return *_formula(method), None
+    raise UnusableError(f"has the conversion {method.name} of the kind {method.kind[:40]!r}, which no version knows")
+
+
+def _linear(slope: float, offset: float) -> tuple[Numbers, Numbers | None]:
+    def raw(values: Float) -> Float:
+        return (values - offset) / slope
+
+    return lambda values: slope * values + offset, raw if slope else None
+
+
+def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Numbers, Numbers]:
+    a, b, c, d, e, f = method.coeffs
+
+    def raw(values: Float) -> Float:
+        with np.errstate(all="ignore"):
+            return _finite(((a * values + b) * values + c) / ((d * values + e) * values + f))
+
+    def physical(values: Float) -> Float:
+        with np.errstate(all="ignore"):
+            return _finite((f * values - c) / (b - e * values))
+
+    if not (a or b or d or e):
+        raise UnusableError(f"has the conversion {method.name}, which has no physical value")
+    if b * f == c * e and not (a or d):
+        raise UnusableError(f"has the conversion {method.name}, which gives every number the same raw one")
+    return (partial(_root, method.coeffs, lower, upper), raw) if a or d else (physical, raw)
+
+
+def _root(coeffs: tuple[float, ...], lower: float, upper: float, values: Float) -> Float:
+    """The root of the quadratic that lies within the limits, NaN where none or both do."""
+    a, b, c, d, e, f = coeffs
+    two, one, none = a - d * values, b - e * values, c - f * values
+    with np.errstate(all="ignore"):
+        whole = -0.5 * (one + np.where(one < 0, -1.0, 1.0) * np.sqrt(one * one - 4 * two * none))
+        roots = _finite(np.stack([whole / two, none / whole]))
+    slack = 1e-9 * (np.abs(roots) + 1e-300)
+    inside = (roots >= lower - slack) & (roots <= upper + slack)
+    same = np.isclose(roots[0], roots[1], rtol=1e-12, atol=0)
+    inside[1] &= ~(inside[0] & same)
+    return np.where(inside.sum(axis=0) == 1, np.where(inside[0], roots[0], roots[1]), np.nan)
+
+
+def _finite(values: Float) -> Float:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _by_table(a2l: A2l, method: CompuMethod) -> tuple[Numbers, Numbers | None, Words | None]:
+    words = a2l.compu_vtabs.get(method.table)
+    if words is not None:
+        return _same, _same, Words(words)
+    table = a2l.compu_tabs.get(method.table)
+    if table is None or not table.raw:
+        raise UnusableError(f"has the conversion {method.name}, whose table {method.table[:60]!r} is not defined")
+    if method.kind == "TAB_VERB":
+        raise UnusableError(f"has the conversion {method.name}, whose table {table.name} holds no words")
+    if any(np.diff(table.raw) <= 0):
+        raise UnusableError(f"has the conversion {method.name}, whose table {table.name} gives a raw number twice")
+    return *(_interpolating(table) if method.kind == "TAB_INTP" else _exact(table)), None
+
+
+def _interpolating(table: CompuTab) -> tuple[Numbers, Numbers | None]:
+    raw, physical = np.array(table.raw), np.array(table.physical)
+    outside = np.nan if table.default is None else table.default
+    steps = np.diff(physical)
+    forwards = _between(raw, physical, outside)
+    if np.all(steps > 0):
+        return forwards, _between(physical, raw, np.nan)
+    if np.all(steps < 0):
+        return forwards, _between(physical[::-1], raw[::-1], np.nan)
+    return forwards, None
+
+
+def _between(given: Float, wanted: Float, outside: float) -> Numbers:
+    def value(numbers: Float) -> Float:
+        return np.asarray(np.interp(numbers, given, wanted, left=outside, right=outside), dtype=np.float64)
+
+    return value
+
+
+def _exact(table: CompuTab) -> tuple[Numbers, Numbers]:
+    raw, physical = np.array(table.raw), np.array(table.physical)
+    order = np.argsort(physical, kind="stable")
+    missing = np.nan if table.default is None else table.default
+
+    def forwards(values: Float) -> Float:
+        at = np.clip(np.searchsorted(raw, values), 0, raw.size - 1)
+        return np.where(raw[at] == values, physical[at], missing)
+
+    def back(values: Float) -> Float:
+        """The raw number of the closest physical one."""
+        known = physical[order]
+        right = np.clip(np.searchsorted(known, values), 0, known.size - 1)
+        left = np.clip(right - 1, 0, known.size - 1)
+        closer = np.where(np.abs(known[left] - values) <= np.abs(known[right] - values), left, right)
+        return raw[order][closer]
+
+    return forwards, back
+
+
+def _formula(method: CompuMethod) -> tuple[Numbers, Numbers | None]:
+    if not method.formula:
+        raise UnusableError(f"has the conversion {method.name}, which has no FORMULA")
+    forwards, back = arithmetic(method.formula), arithmetic(method.formula_inverse)
+    if forwards is None:
+        what = f"has the conversion {method.name}, whose formula {method.formula[:60]!r} cannot be followed"
+        raise UnusableError(what)
+    return forwards, back

@@ -1,0 +1,405 @@
+"""The labels of an A2L file as they lie in an image: each a parameter or a text, with the memory it was read from."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf, prod
+from typing import TypeVar
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.a2l.conversion import Conversion, conversion_of
+from kennfeld.calfiles.a2l.cursor import UnusableError
+from kennfeld.calfiles.a2l.datatypes import SIZES, decoded
+from kennfeld.calfiles.a2l.objects import (
+    DIRECTIONS,
+    A2l,
+    AxisDescr,
+    AxisPts,
+    Characteristic,
+    Component,
+    RecordLayout,
+)
+from kennfeld.calfiles.a2l.parts import Kept, Part, order_of
+from kennfeld.calfiles.a2l.points import fixed_count, fixed_points, resolved, rising, spaced
+from kennfeld.calfiles.a2l.record import AbsentError, Places, Wanted, placed
+from kennfeld.calfiles.format import holds_control_characters
+from kennfeld.calfiles.images.image import Image
+from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
+
+__all__ = ["AxisInMemory", "Label", "Labels", "SharedAxis"]
+
+_AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
+_ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}
+_MOST_DIMENSIONS = 4
+_UNCOUNTED = 2**31
+_DEEPEST = 16  # curves that give each other their axes
+
+Found = TypeVar("Found", "SharedAxis", "Label")
+
+
+@dataclass(frozen=True)
+class AxisInMemory:
+    """An axis of a table: its breakpoints in rising order, and where they come from."""
+
+    axis: Axis
+    falling: bool  # in the order of the memory
+    kind: str
+    part: Part | None = None  # of its own
+    shared: str = ""  # the AXIS_PTS that it refers to
+    read_only: bool = False
+
+
+@dataclass(frozen=True)
+class SharedAxis:
+    """Breakpoints that tables share: an axis, or the pairs of input and position of a rescale axis."""
+
+    source: AxisPts
+    places: Places
+    part: Part
+    axis: Axis | None = None
+    falling: bool = False
+    pairs: Float | None = None  # one row a pair
+
+
+@dataclass(frozen=True)
+class Label:
+    """A characteristic in the memory."""
+
+    source: Characteristic
+    places: Places
+    part: Part
+    axes: tuple[AxisInMemory, ...] = ()
+    member: Parameter | None = None
+    text: Text | None = None
+    words: Conversion | None = None  # where the text is a word for a number
+
+    def same_numbers(self, other: "Label") -> bool:
+        """Whether another state of the same label has the same raw numbers."""
+        parts = [(self.part, other.part)]
+        parts += [(a.part, b.part) for a, b in zip(self.axes, other.axes, strict=True) if a.part and b.part]
+        return all(np.array_equal(a.stored, b.stored, equal_nan=not a.kept.integer) for a, b in parts)
+
+    def in_memory_order(self, values: Float) -> Float:
+        """Values of the table turned to the order of the memory, or back."""
+        falling = tuple(i for i, axis in enumerate(self.axes) if axis.falling)
+        return np.flip(values, falling) if falling else values
+
+
+class Labels:
+    """Reads labels one by one; what cannot be read raises `UnusableError`, what is not in the image `AbsentError`."""
+
+    def __init__(self, a2l: A2l, image: Image) -> None:
+        self.a2l, self.image = a2l, image
+        self._shared: dict[str, SharedAxis | Exception] = {}
+        self._labels: dict[str, Label | Exception] = {}
+        self._depth = 0
+
+    def shared(self, name: str) -> SharedAxis:
+        """The breakpoints of an AXIS_PTS."""
+        return _remembered(self._shared, name, lambda: self._read_shared(name))
+
+    def label(self, name: str) -> Label:
+        """A characteristic."""
+        return _remembered(self._labels, name, lambda: self._read_label(self.a2l.characteristics[name]))
+
+    def _read_shared(self, name: str) -> SharedAxis:
+        source = self.a2l.axis_pts.get(name)
+        if source is None:
+            raise UnusableError(f"refers to the axis {name[:80]}, which is not defined")
+        places = self.places(source)
+        key = next((key for key in ("AXIS_PTS_X", "AXIS_RESCALE_X") if key in places.offsets), "")
+        if not key:
+            raise UnusableError(f"has the record layout {source.record_layout}, which has no AXIS_PTS_X")
+        part = self.part(source.address, places, key, self._kept_of_axis(source, places.components[key]))
+        if key == "AXIS_RESCALE_X":
+            return SharedAxis(source, places, part, pairs=self._pairs(part))
+        points, falling = rising(part.physical)
+        axis = Axis(points, input=_quantity(source.input_quantity), unit=self._unit(source, part), name=name)
+        return SharedAxis(source, places, part, axis, falling)
+
+    def _pairs(self, part: Part) -> Float:
+        """Inputs are physical, positions count columns."""
+        return np.column_stack([part.physical[:, 0], part.raw[:, 1].astype(np.float64)])
+
+    def unit(self, source: Characteristic) -> str:
+        """The unit of a label's values."""
+        method = self.a2l.compu_methods.get(source.conversion)
+        return (source.phys_unit or (method.unit if method else "")).strip()
+
+    def _unit(self, source: AxisPts | AxisDescr | Characteristic, part: Part) -> str:
+        return (source.phys_unit or part.kept.conversion.unit).strip()
+
+    def _kept_of_axis(self, source: AxisPts | AxisDescr, component: Component, outer_order: str = "") -> Kept:
+        common = self.a2l.common
+        deposit = source.deposit or common.deposit
+        if deposit == "DIFFERENCE" and component.mode == "INDEX_DECR":
+            raise UnusableError("has points as distances in falling order")
+        lower, upper = _limits(source)
+        conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
+        if conversion.words is not None:
+            raise UnusableError("has words for breakpoints")
+        order = order_of(source.byte_order, outer_order, common.byte_order)
+        difference = deposit == "DIFFERENCE" and component.kind == "AXIS_PTS"
+        return Kept(component.data_type, order, conversion, None, difference, lower, upper)
+
+    def layout(self, name: str) -> RecordLayout:
+        """A record layout by its name."""
+        found = self.a2l.record_layouts.get(name)
+        if found is None:
+            raise UnusableError(f"has the record layout {name[:60]}, which is not defined")
+        return found
+
+    def places(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None = None) -> Places:
+        """Where the parts of an object are, with the numbers of axis points in the image or those of `counts`."""
+        layout = self.layout(source.record_layout)
+        order = self.order(source)
+        wanted = self._wanted(source, counts)
+
+        def count_at(component: Component, offset: int) -> int:
+            key = f"{'AXIS_RESCALE' if component.kind == 'NO_RESCALE' else 'AXIS_PTS'}_{component.direction}"
+            if counts is not None and key in counts:
+                return counts[key]
+            return self._count(source.address + offset, component, order)
+
+        return placed(layout, source.address, wanted, self.a2l.common.alignments, count_at, self.image.holds)
+
+    def _count(self, address: int, component: Component, order: str) -> int:
+        memory = self.image.read(address, SIZES[component.data_type])
+        if memory is None:
+            raise AbsentError
+        number = float(decoded(memory, np.array(0), component.data_type, order))
+        return int(number) if 0 <= number < _UNCOUNTED else 0
+
+    def _wanted(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None) -> Wanted:
+        if isinstance(source, AxisPts):
+            return Wanted({"X": source.max_axis_points}, values=False)
+        if not source.axes:
+            return Wanted({}, _sizes(source))
+        most = {}
+        for direction, axis in zip(DIRECTIONS, source.axes, strict=False):
+            most[direction] = self._most(axis)
+            if counts is not None and axis.attribute == "COM_AXIS":
+                most[direction] = counts.get(f"AXIS_PTS_{direction}", most[direction])
+        return Wanted(most)
+
+    def _most(self, axis: AxisDescr) -> int:
+        """How many points an axis has at most, or has where they are kept elsewhere."""
+        if axis.attribute == "COM_AXIS":
+            shared = self.shared(axis.axis_pts_ref)
+            if shared.axis is None:
+                raise UnusableError(f"refers to {axis.axis_pts_ref} as common breakpoints, which are rescale pairs")
+            return len(shared.axis)
+        if axis.attribute == "FIX_AXIS" and (count := fixed_count(axis)):
+            return count
+        return axis.max_axis_points
+
+    def order(self, source: AxisPts | Characteristic) -> str:
+        """The byte order of an object."""
+        return order_of(source.byte_order, self.a2l.common.byte_order)
+
+    @property
+    def plain(self) -> Conversion:
+        """No conversion at all."""
+        return conversion_of(self.a2l, "", 0.0, 0.0)
+
+    def part(self, address: int, places: Places, key: str, kept: Kept) -> Part:
+        """The numbers of one part of an object at an address."""
+        offsets = places.offsets[key]
+        start, size = int(offsets.min()), int(offsets.max() - offsets.min()) + SIZES[kept.data_type]
+        memory = self.image.read(address + start, size)
+        if memory is None:
+            raise AbsentError
+        found = Part.of(memory, offsets - start, kept)
+        return Part(kept, offsets, found.stored)
+
+    def _read_label(self, source: Characteristic) -> Label:
+        if source.virtual:
+            raise UnusableError("is virtual: a formula gives its value, which is not in the memory")
+        if source.name in self.a2l.variant_coded:
+            raise UnusableError("is variant-coded: it has a place in the memory for each variant")
+        if source.type == "CUBE_5":
+            raise UnusableError("has five axes, a table at most four")
+        if len(source.axes) != _AXES.get(source.type, 0):
+            raise UnusableError(f"is a {source.type} with {len(source.axes)} axes")
+        if source.type == "ASCII":
+            return self._ascii(source)
+        places = self.places(source)
+        part = self.part(source.address, places, "FNC_VALUES", self._kept(source, places.components["FNC_VALUES"]))
+        if part.kept.conversion.words is not None:
+            return self._word(source, places, part)
+        axes = tuple(
+            self._axis(source, axis, direction, places)
+            for direction, axis in zip(DIRECTIONS, source.axes, strict=False)
+        )
+        return self._table(source, places, part, axes)
+
+    def _kept(self, source: Characteristic, component: Component) -> Kept:
+        conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
+        lower, upper = _limits(source)
+        order = self.order(source)
+        mask = source.bit_mask or None
+        return Kept(component.data_type, order, conversion, mask, False, lower, upper)
+
+    def _table(self, source: Characteristic, places: Places, part: Part, axes: tuple[AxisInMemory, ...]) -> Label:
+        label = Label(source, places, part, axes)
+        low, high = part.kept.bounds(source.lower, source.upper)
+        attributes = {
+            "unit": self._unit(source, part),
+            "description": source.description,
+            "lower": low,
+            "upper": high,
+            "locked": source.read_only,
+        }
+        values = label.in_memory_order(part.physical)
+        if source.type == "VAL_BLK" or part.offsets.ndim > len(axes):
+            if values.ndim > _MOST_DIMENSIONS:
+                raise UnusableError(f"has {values.ndim} dimensions, a value block at most {_MOST_DIMENSIONS}")
+            member: Parameter = Block(source.name, values, **attributes)
+        else:
+            member = parameter(source.name, values, [one.axis for one in axes], **attributes)
+        return Label(source, places, part, axes, member)
+
+    def _ascii(self, source: Characteristic) -> Label:
+        places = self.places(source)
+        part = self.part(source.address, places, "FNC_VALUES", self._kept(source, places.components["FNC_VALUES"]))
+        if SIZES[part.kept.data_type] != 1 or source.encoding not in _ENCODINGS:
+            raise UnusableError(f"is text of {part.kept.data_type} {source.encoding}, not of bytes")
+        content = part.stored.astype(np.uint8).tobytes().partition(b"\0")[0]
+        found = content.decode(encoding_of(source), errors="replace")
+        if holds_control_characters(found):
+            raise UnusableError("holds bytes that are no text")
+        text = Text(source.name, found, source.description)
+        return Label(source, places, part, text=text)
+
+    def _word(self, source: Characteristic, places: Places, part: Part) -> Label:
+        words = part.kept.conversion.words
+        if part.raw.ndim or words is None:
+            raise UnusableError(f"is a {source.type} of words, which are no numbers to calibrate")
+        word = words.text(float(part.raw))
+        if word is None:
+            raise UnusableError(f"holds the number {float(part.raw):g}, for which {words.table.name} has no word")
+        text = Text(source.name, word, source.description)
+        return Label(source, places, part, text=text, words=part.kept.conversion)
+
+    def _axis(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+        readers = {
+            "STD_AXIS": self._own,
+            "FIX_AXIS": self._fixed,
+            "COM_AXIS": self._common,
+            "RES_AXIS": self._rescaled,
+            "CURVE_AXIS": self._by_curve,
+        }
+        return readers[axis.attribute](source, axis, direction, places)
+
+    def _own(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+        key = f"AXIS_PTS_{direction}"
+        if key not in places.offsets:
+            return self._fixed(source, axis, direction, places)
+        kept = self._kept_of_axis(axis, places.components[key], source.byte_order)
+        part = self.part(source.address, places, key, kept)
+        points, falling = rising(part.physical)
+        made = Axis(points, input=_quantity(axis.input_quantity), unit=self._unit(axis, part))
+        return AxisInMemory(made, falling, axis.attribute, part, read_only=axis.read_only)
+
+    def _fixed(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
+        raw = self._stored_spacing(source, direction, places, count)
+        raw = fixed_points(axis, count) if raw is None else raw
+        conversion = conversion_of(self.a2l, axis.conversion, axis.lower, axis.upper)
+        points, falling = rising(conversion.physical(raw))
+        unit = (axis.phys_unit or conversion.unit).strip()
+        return AxisInMemory(Axis(points, input=_quantity(axis.input_quantity), unit=unit), falling, "FIX_AXIS")
+
+    def _stored_spacing(self, source: Characteristic, direction: str, places: Places, count: int) -> Float | None:
+        """Points of a fixed axis whose offset and distance are in the record itself."""
+        order = self.order(source)
+        stored = {}
+        for kind in ("OFFSET", "DIST_OP", "SHIFT_OP"):
+            key = f"{kind}_{direction}"
+            if key in places.offsets:
+                kept = Kept(places.components[key].data_type, order, self.plain)
+                stored[kind] = float(self.part(source.address, places, key, kept).raw)
+        if not stored:
+            return None
+        shift = stored.get("SHIFT_OP")
+        if "DIST_OP" not in stored and (shift is None or abs(shift) > 64):
+            raise UnusableError(f"has an offset of its {direction} axis in the memory, but no distance")
+        return spaced(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
+
+    def _common(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+        shared = self.shared(axis.axis_pts_ref)
+        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
+        if shared.axis is None or len(shared.axis) != count:
+            found = 0 if shared.axis is None else len(shared.axis)
+            raise UnusableError(f"has {count} values along the axis {axis.axis_pts_ref}, which has {found} points")
+        return AxisInMemory(shared.axis, shared.falling, "COM_AXIS", shared=axis.axis_pts_ref)
+
+    def _rescaled(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+        shared = self.shared(axis.axis_pts_ref)
+        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
+        if shared.pairs is None:
+            raise UnusableError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
+        unit = self._unit(shared.source, shared.part)
+        quantity = _quantity(axis.input_quantity)
+        made = resolved(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
+        return AxisInMemory(made, False, "RES_AXIS")
+
+    def _curve(self, name: str) -> Label:
+        self._depth += 1
+        try:
+            if self._depth > _DEEPEST:
+                raise UnusableError(f"has an axis that follows from more than {_DEEPEST} curves")
+            return self.label(name)
+        finally:
+            self._depth -= 1
+
+    def _by_curve(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
+        name = axis.curve_axis_ref
+        curve = self._curve(name) if name in self.a2l.characteristics else None
+        if curve is None or curve.member is None or len(curve.axes) != 1:
+            raise UnusableError(f"refers to the curve {name[:80]} for its axis, which is no curve here")
+        points = curve.axes[0]
+        if points.falling:
+            raise UnusableError(f"has positions along the curve {name}, which lies in falling order")
+        made = resolved(points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input)
+        return AxisInMemory(made, False, "CURVE_AXIS")
+
+
+def encoding_of(source: Characteristic) -> str:
+    """Python's name for the characters of a text."""
+    return _ENCODINGS[source.encoding]
+
+
+def _remembered(known: dict[str, Found | Exception], name: str, read: Callable[[], Found]) -> Found:
+    """What was read before, or its error again; whoever refers to itself gets an error too."""
+    if name not in known:
+        known[name] = UnusableError(f"refers to {name[:80]}, which refers to itself")
+        try:
+            known[name] = read()
+        except (UnusableError, AbsentError) as error:
+            known[name] = error
+    found = known[name]
+    if isinstance(found, Exception):
+        raise found
+    return found
+
+
+def _limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]:
+    """The hard limits, if they say anything."""
+    lower, upper = source.extended_limits or (source.lower, source.upper)
+    return (lower, upper) if lower < upper else (-inf, inf)
+
+
+def _sizes(source: Characteristic) -> tuple[int, ...]:
+    if source.type in ("VAL_BLK", "ASCII") and not source.shape:
+        raise UnusableError(f"is a {source.type} that states no size")
+    sizes = source.shape
+    if source.type == "ASCII":
+        return (prod(sizes),)
+    return () if source.type == "VALUE" and prod(sizes) == 1 else sizes
+
+
+def _quantity(name: str) -> str:
+    return "" if name == "NO_INPUT_QUANTITY" else name

@@ -1,0 +1,208 @@
+"""What an A2L file describes, by the names of ASAM MCD-2 MC (ASAP2)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+
+__all__ = [
+    "A2l",
+    "AxisDescr",
+    "AxisPts",
+    "Characteristic",
+    "Component",
+    "CompuMethod",
+    "CompuTab",
+    "CompuVtab",
+    "Function",
+    "ModCommon",
+    "RecordLayout",
+]
+
+DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
+
+
+@dataclass(frozen=True)
+class AxisDescr:
+    """One axis of a characteristic. Points of a fixed axis are raw numbers: the control unit counts in them."""
+
+    attribute: str  # STD_AXIS, COM_AXIS, FIX_AXIS, RES_AXIS or CURVE_AXIS
+    input_quantity: str
+    conversion: str
+    max_axis_points: int
+    lower: float = -inf
+    upper: float = inf
+    axis_pts_ref: str = ""
+    curve_axis_ref: str = ""
+    byte_order: str = ""
+    deposit: str = ""
+    phys_unit: str = ""
+    extended_limits: tuple[float, float] | None = None
+    read_only: bool = False
+    fix_axis_par: tuple[float, int, int] | None = None  # offset, shift, number
+    fix_axis_par_dist: tuple[float, float, int] | None = None  # offset, distance, number
+    fix_axis_par_list: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class AxisPts:
+    """Breakpoints in the memory that several tables share."""
+
+    name: str
+    description: str
+    address: int
+    input_quantity: str
+    record_layout: str
+    conversion: str
+    max_axis_points: int
+    lower: float = -inf
+    upper: float = inf
+    byte_order: str = ""
+    deposit: str = ""
+    phys_unit: str = ""
+    display_identifier: str = ""
+    extended_limits: tuple[float, float] | None = None
+    read_only: bool = False
+    functions: tuple[str, ...] = ()
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """A scalar, block, text, curve, map or cube in the memory."""
+
+    name: str
+    description: str
+    type: str  # VALUE, CURVE, MAP, CUBOID, CUBE_4, CUBE_5, VAL_BLK or ASCII
+    address: int
+    record_layout: str
+    conversion: str
+    lower: float = -inf
+    upper: float = inf
+    axes: tuple[AxisDescr, ...] = ()
+    number: int = 0
+    matrix_dim: tuple[int, ...] = ()
+    bit_mask: int | None = None
+    byte_order: str = ""
+    encoding: str = ""
+    phys_unit: str = ""
+    display_identifier: str = ""
+    extended_limits: tuple[float, float] | None = None
+    read_only: bool = False
+    dependent_on: tuple[str, ...] = ()  # labels by whose values a formula gives this one
+    virtual: bool = False  # without a place in the memory
+    functions: tuple[str, ...] = ()
+    line: int = 0
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many values there are at most, x first."""
+        if self.axes:
+            return tuple(axis.max_axis_points for axis in self.axes)
+        sizes = self.matrix_dim
+        while len(sizes) > 1 and sizes[-1] == 1:
+            sizes = sizes[:-1]
+        return sizes or ((self.number,) if self.number else ())
+
+
+@dataclass(frozen=True)
+class CompuMethod:
+    """How raw numbers become physical ones."""
+
+    name: str
+    kind: str  # IDENTICAL, LINEAR, RAT_FUNC, TAB_INTP, TAB_NOINTP, TAB_VERB or FORM
+    unit: str = ""
+    coeffs: tuple[float, ...] = ()  # six of RAT_FUNC, two of LINEAR
+    table: str = ""  # COMPU_TAB_REF
+    formula: str = ""
+    formula_inverse: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class CompuTab:
+    """Pairs of a raw and a physical number."""
+
+    name: str
+    raw: tuple[float, ...]
+    physical: tuple[float, ...]
+    default: float | None = None
+
+
+@dataclass(frozen=True)
+class CompuVtab:
+    """Words for raw numbers, each from a least to a largest one."""
+
+    name: str
+    ranges: tuple[tuple[float, float, str], ...]
+    default: str | None = None
+
+
+@dataclass(frozen=True)
+class Component:
+    """One entry of a record layout, such as AXIS_PTS_X: its `kind` is AXIS_PTS, its `direction` X."""
+
+    kind: str
+    direction: str
+    position: int
+    data_type: str
+    mode: str = ""  # index mode of the values, index order of axis points
+    addressing: str = "DIRECT"
+    pairs: int = 0  # most pairs of AXIS_RESCALE
+
+    @property
+    def key(self) -> str:
+        """Its keyword."""
+        return f"{self.kind}_{self.direction}" if self.direction else self.kind
+
+
+@dataclass(frozen=True)
+class RecordLayout:
+    """How the parts of an object follow each other in the memory."""
+
+    name: str
+    components: tuple[Component, ...]  # in the order of their positions
+    fixed_counts: Mapping[str, int] = field(default_factory=dict)  # FIX_NO_AXIS_PTS by direction
+    alignments: Mapping[str, int] = field(default_factory=dict)
+    static_layout: bool = False
+    static_offsets: bool = False
+    unknown: tuple[str, ...] = ()  # keywords that no version has
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function, and the labels that it defines."""
+
+    name: str
+    description: str
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ModCommon:
+    """What holds for a whole module unless an object says otherwise."""
+
+    byte_order: str = ""
+    deposit: str = ""
+    alignments: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class A2l:
+    """A description of a control unit, as far as calibration goes; everything by its name."""
+
+    file: str
+    version: str = ""
+    project: str = ""
+    module: str = ""
+    common: ModCommon = field(default_factory=ModCommon)
+    characteristics: Mapping[str, Characteristic] = field(default_factory=dict)
+    axis_pts: Mapping[str, AxisPts] = field(default_factory=dict)
+    compu_methods: Mapping[str, CompuMethod] = field(default_factory=dict)
+    compu_tabs: Mapping[str, CompuTab] = field(default_factory=dict)
+    compu_vtabs: Mapping[str, CompuVtab] = field(default_factory=dict)
+    record_layouts: Mapping[str, RecordLayout] = field(default_factory=dict)
+    functions: Mapping[str, Function] = field(default_factory=dict)
+    measurements: int = 0
+    variant_coded: frozenset[str] = frozenset()  # labels with a place in the memory for each variant
+    epk: str = ""  # identifier of the program that this describes
+    epk_addresses: tuple[int, ...] = ()

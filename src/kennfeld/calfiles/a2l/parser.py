@@ -1,0 +1,353 @@
+"""Reads an A2L file into the objects that it describes.
+
+The keywords and their order are those of ASAM MCD-2 MC (ASAP2) 1.3 to 1.71. An object that is written wrongly is left
+aside with a remark; a file whose blocks do not fit together is refused.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, TypeVar
+
+from kennfeld.calfiles.a2l.blocks import Block, Include, blocks, unquoted
+from kennfeld.calfiles.a2l.cursor import Cursor, UnusableError, number, whole
+from kennfeld.calfiles.a2l.instances import Instances
+from kennfeld.calfiles.a2l.layouts import record_layout
+from kennfeld.calfiles.a2l.methods import compu_method, compu_tab, compu_vtab, compu_vtab_range
+from kennfeld.calfiles.a2l.objects import (
+    A2l,
+    AxisDescr,
+    AxisPts,
+    Characteristic,
+    Function,
+    ModCommon,
+)
+from kennfeld.calfiles.format import Notes
+
+__all__ = ["parse_a2l"]
+
+TYPES = ("VALUE", "CURVE", "MAP", "CUBOID", "CUBE_4", "CUBE_5", "VAL_BLK", "ASCII")
+AXIS_KINDS = ("STD_AXIS", "COM_AXIS", "FIX_AXIS", "RES_AXIS", "CURVE_AXIS")
+_SHARED = {
+    "BYTE_ORDER": 1,
+    "DEPOSIT": 1,
+    "DISPLAY_IDENTIFIER": 1,
+    "ECU_ADDRESS_EXTENSION": 1,
+    "EXTENDED_LIMITS": 2,
+    "FORMAT": 1,
+    "MODEL_LINK": 1,
+    "PHYS_UNIT": 1,
+    "READ_ONLY": 0,
+    "STEP_SIZE": 1,
+    "SYMBOL_LINK": 2,
+    "REF_MEMORY_SEGMENT": 1,
+    "CALIBRATION_ACCESS": 1,
+    "MAX_REFRESH": 2,
+    "MONOTONY": 1,
+    "MAX_GRAD": 1,
+}
+_OF_CHARACTERISTIC = _SHARED | {
+    "BIT_MASK": 1,
+    "COMPARISON_QUANTITY": 1,
+    "ENCODING": 1,
+    "MATRIX_DIM": -1,
+    "NUMBER": 1,
+}
+_OF_AXIS = _SHARED | {"AXIS_PTS_REF": 1, "CURVE_AXIS_REF": 1, "FIX_AXIS_PAR": 3, "FIX_AXIS_PAR_DIST": 3}
+_ALIGNMENTS = ("BYTE", "WORD", "LONG", "INT64", "FLOAT16_IEEE", "FLOAT32_IEEE", "FLOAT64_IEEE")
+_OF_COMMON = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
+    "BYTE_ORDER": 1,
+    "DATA_SIZE": 1,
+    "DEPOSIT": 1,
+    "S_REC_LAYOUT": 1,
+}
+
+Made = TypeVar("Made", bound=Any)
+
+
+def parse_a2l(raw: bytes, name: str, notes: Notes, include: Include | None = None) -> A2l:
+    """The objects of an A2L file. `include` gives the content of a file that the text includes, by its name.
+
+    Notes an error where the blocks do not fit together or no module is there, and a remark for each object that is
+    left aside. Whoever reads on calls `notes.settle()` first.
+    """
+    root, sound = blocks(raw, name, notes, include)
+    projects = list(root.inner("PROJECT"))
+    modules = [module for project in projects for module in project.inner("MODULE")] or list(root.inner("MODULE"))
+    if not modules and not sound:
+        return A2l(name)
+    if not modules:
+        notes.error(0, "", "has no MODULE, in which A2L keeps its objects", "Export it as ASAP2 1.3 to 1.71.")
+        return A2l(name)
+    chosen = next((module for module in modules if any(module.inner("CHARACTERISTIC"))), modules[0])
+    for module in modules:
+        if module is not chosen:
+            notes.remark(module.line, _first_word(module), "is a further MODULE; left aside")
+    return _Module(chosen, notes).read(name, _version(root), _first_word(projects[0]) if projects else "")
+
+
+def _version(root: Block) -> str:
+    words = root.tokens
+    if "ASAP2_VERSION" not in words:
+        return ""
+    return ".".join(words[words.index("ASAP2_VERSION") + 1 :][:2])
+
+
+def _first_word(block: Block) -> str:
+    return unquoted(block.tokens[0])[:80] if block.tokens else ""
+
+
+class _Module:
+    def __init__(self, module: Block, notes: Notes) -> None:
+        self.module, self.notes = module, notes
+        self.by_label: dict[str, list[str]] = {}  # the functions of each label
+
+    def read(self, file: str, version: str, project: str) -> A2l:
+        """Everything of the module."""
+        functions = self._all("FUNCTION", _function)
+        for function in functions.values():
+            for label in function.labels:
+                self.by_label.setdefault(label, []).append(function.name)
+        axis_pts = self._all("AXIS_PTS", self._axis_pts)
+        characteristics = self._all("CHARACTERISTIC", self._characteristic)
+        instances = Instances(self.module, self.notes, typedef_characteristic, typedef_axis, self.by_label)
+        more, more_axes = instances.expanded()
+        return A2l(
+            file=file,
+            version=version,
+            project=project,
+            module=_first_word(self.module),
+            common=self._common(),
+            characteristics=self._joined(characteristics, more),
+            axis_pts=self._joined(axis_pts, more_axes),
+            compu_methods=self._all("COMPU_METHOD", compu_method),
+            compu_tabs=self._all("COMPU_TAB", compu_tab),
+            compu_vtabs=self._all("COMPU_VTAB", compu_vtab) | self._all("COMPU_VTAB_RANGE", compu_vtab_range),
+            record_layouts=self._all("RECORD_LAYOUT", record_layout),
+            functions=functions,
+            measurements=sum(1 for _ in self.module.inner("MEASUREMENT")),
+            variant_coded=self._variant_coded(),
+            epk=self._identity("EPK"),
+            epk_addresses=tuple(place for word in self._words("ADDR_EPK") if (place := whole(word)) is not None),
+        )
+
+    def _all(self, keyword: str, make: Callable[[Block], Made]) -> dict[str, Made]:
+        """The objects of one keyword by name; of two with one name the first counts."""
+        made: dict[str, Made] = {}
+        for block in self.module.inner(keyword):
+            try:
+                found = make(block)
+            except UnusableError as error:
+                self.notes.remark(block.line, _first_word(block) or keyword, f"{keyword} {error}; left aside")
+                continue
+            if found.name in made:
+                what = f"{keyword} is defined a second time; the first one counts"
+                self.notes.remark(block.line, found.name, what)
+            else:
+                made[found.name] = found
+        return made
+
+    def _joined(self, given: dict[str, Made], more: Mapping[str, Made]) -> dict[str, Made]:
+        for name, made in more.items():
+            if name in given:
+                self.notes.remark(made.line, name, "is the name of an instance and of another label; left aside")
+        return given | {name: made for name, made in more.items() if name not in given}
+
+    def _common(self) -> ModCommon:
+        for block in self.module.inner("MOD_COMMON"):
+            try:
+                options = Cursor(block).options(_OF_COMMON)
+            except UnusableError as error:
+                self.notes.remark(block.line, "MOD_COMMON", f"{error}; left aside")
+                continue
+            return ModCommon(
+                byte_order=options.get("BYTE_ORDER", [""])[0],
+                deposit=options.get("DEPOSIT", [""])[0],
+                alignments=_alignments(options),
+            )
+        return ModCommon()
+
+    def _variant_coded(self) -> frozenset[str]:
+        found = [one for block in self.module.inner("VARIANT_CODING") for one in block.inner("VAR_CHARACTERISTIC")]
+        return frozenset(_first_word(one) for one in found)
+
+    def _identity(self, keyword: str) -> str:
+        return next((unquoted(word)[:200] for word in self._words(keyword)), "")
+
+    def _words(self, keyword: str) -> list[str]:
+        """What stands behind a keyword of MOD_PAR, each time it is given."""
+        items = [word for block in self.module.inner("MOD_PAR") for word in block.tokens]
+        return [after for word, after in pairwise(items) if word == keyword]
+
+    def _axis_pts(self, block: Block) -> AxisPts:
+        cursor = Cursor(block)
+        name, description, address = cursor.word("name"), cursor.text("description"), cursor.whole("address")
+        made = _axis_pts(block, cursor, name, description, address)
+        return _with_functions(made, self.by_label, block)
+
+    def _characteristic(self, block: Block) -> Characteristic:
+        cursor = Cursor(block)
+        name, description, kind = cursor.word("name"), cursor.text("description"), cursor.word("type")
+        made = _characteristic(block, cursor, name, description, kind, cursor.whole("address"))
+        return _with_functions(made, self.by_label, block)
+
+
+def typedef_characteristic(block: Block) -> Characteristic:
+    """A TYPEDEF_CHARACTERISTIC: a characteristic at address 0."""
+    cursor = Cursor(block)
+    name, description, kind = cursor.word("name"), cursor.text("description"), cursor.word("type")
+    return _characteristic(block, cursor, name, description, kind, 0)
+
+
+def typedef_axis(block: Block) -> AxisPts:
+    """A TYPEDEF_AXIS: breakpoints at address 0."""
+    cursor = Cursor(block)
+    name, description = cursor.word("name"), cursor.text("description")
+    return _axis_pts(block, cursor, name, description, 0)
+
+
+def _axis_pts(block: Block, cursor: Cursor, name: str, description: str, address: int) -> AxisPts:
+    input_quantity, layout = cursor.word("input quantity"), cursor.word("record layout")
+    cursor.number("largest difference")
+    conversion, most = cursor.word("conversion"), cursor.whole("number of axis points")
+    lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
+    shared = _shared(cursor.options(_SHARED))
+    return AxisPts(
+        name, description, address, input_quantity, layout, conversion, most, lower, upper, line=block.line, **shared
+    )
+
+
+def _characteristic(
+    block: Block, cursor: Cursor, name: str, description: str, kind: str, address: int
+) -> Characteristic:
+    if kind not in TYPES:
+        raise UnusableError(f"is a {kind[:40]!r}, which no version knows")
+    layout = cursor.word("record layout")
+    cursor.number("largest difference")
+    conversion = cursor.word("conversion")
+    lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
+    options = cursor.options(_OF_CHARACTERISTIC)
+    shared = _shared(options)
+    del shared["deposit"]
+    return Characteristic(
+        name,
+        description,
+        kind,
+        address,
+        layout,
+        conversion,
+        lower,
+        upper,
+        axes=tuple(_axis_descr(axis) for axis in block.inner("AXIS_DESCR")),
+        number=_whole(options, "NUMBER") or 0,
+        matrix_dim=_sizes(options),
+        bit_mask=_whole(options, "BIT_MASK"),
+        encoding=options.get("ENCODING", [""])[0],
+        dependent_on=_dependent_on(block),
+        virtual=any(block.inner("VIRTUAL_CHARACTERISTIC")),
+        line=block.line,
+        **shared,
+    )
+
+
+def _axis_descr(block: Block) -> AxisDescr:
+    cursor = Cursor(block)
+    kind, input_quantity, conversion = cursor.word("kind"), cursor.word("input quantity"), cursor.word("conversion")
+    if kind not in AXIS_KINDS:
+        raise UnusableError(f"has an axis of the kind {kind[:40]!r}, which no version knows")
+    most = cursor.whole("number of axis points")
+    lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
+    options = cursor.options(_OF_AXIS)
+    shared = _shared(options)
+    del shared["display_identifier"]
+    return AxisDescr(
+        kind,
+        input_quantity,
+        conversion,
+        most,
+        lower,
+        upper,
+        axis_pts_ref=options.get("AXIS_PTS_REF", [""])[0],
+        curve_axis_ref=options.get("CURVE_AXIS_REF", [""])[0],
+        fix_axis_par=_shifted(options),
+        fix_axis_par_dist=_spaced(options),
+        fix_axis_par_list=tuple(point for inner in block.inner("FIX_AXIS_PAR_LIST") for point in _numbers(inner)),
+        **shared,
+    )
+
+
+def _numbers(block: Block) -> tuple[float, ...]:
+    cursor = Cursor(block)
+    return tuple(cursor.number("axis point") for _ in range(cursor.left()))
+
+
+def _shifted(options: Mapping[str, list[str]]) -> tuple[float, int, int] | None:
+    given = options.get("FIX_AXIS_PAR")
+    if given is None:
+        return None
+    offset, shift, count = number(given[0]), whole(given[1]), whole(given[2])
+    if offset is None or shift is None or count is None or not -64 <= shift <= 64:
+        raise UnusableError("has a FIX_AXIS_PAR that is no offset, shift and number")
+    return offset, shift, count
+
+
+def _spaced(options: Mapping[str, list[str]]) -> tuple[float, float, int] | None:
+    given = options.get("FIX_AXIS_PAR_DIST")
+    if given is None:
+        return None
+    offset, distance, count = number(given[0]), number(given[1]), whole(given[2])
+    if offset is None or distance is None or count is None:
+        raise UnusableError("has a FIX_AXIS_PAR_DIST that is no offset, distance and number")
+    return offset, distance, count
+
+
+def _shared(options: Mapping[str, list[str]]) -> dict[str, Any]:
+    limits = [number(word) for word in options.get("EXTENDED_LIMITS", [])]
+    return {
+        "byte_order": options.get("BYTE_ORDER", [""])[0],
+        "deposit": options.get("DEPOSIT", [""])[0],
+        "phys_unit": options.get("PHYS_UNIT", [""])[0],
+        "display_identifier": options.get("DISPLAY_IDENTIFIER", [""])[0],
+        "extended_limits": (limits[0], limits[1]) if limits and None not in limits else None,
+        "read_only": "READ_ONLY" in options or options.get("CALIBRATION_ACCESS") == ["NO_CALIBRATION"],
+    }
+
+
+def _whole(options: Mapping[str, list[str]], keyword: str) -> int | None:
+    given = options.get(keyword)
+    value = None if given is None else whole(given[0])
+    if given is not None and value is None:
+        raise UnusableError(f"has {given[0][:40]!r} behind {keyword}, no whole number")
+    return value
+
+
+def _sizes(options: Mapping[str, list[str]]) -> tuple[int, ...]:
+    sizes = tuple(size for word in options.get("MATRIX_DIM", []) if (size := whole(word)) is not None)
+    if any(size < 0 for size in sizes) or len(sizes) > 5:
+        raise UnusableError(f"has MATRIX_DIM {' '.join(map(str, sizes))[:60]}, which are no sizes")
+    # ASAP2 1.6 writes three sizes, zeros and ones for what is not there
+    return tuple(size or 1 for size in sizes) if any(sizes) else ()
+
+
+def _alignments(options: Mapping[str, list[str]]) -> dict[str, int]:
+    prefix = "ALIGNMENT_"
+    found = {key.removeprefix(prefix): whole(given[0]) for key, given in options.items() if key.startswith(prefix)}
+    return {name: size for name, size in found.items() if size is not None and 1 <= size <= 64}
+
+
+def _dependent_on(block: Block) -> tuple[str, ...]:
+    found = (inner for inner in block.inner("DEPENDENT_CHARACTERISTIC"))
+    return tuple(unquoted(word) for inner in found for word in inner.tokens[1:])
+
+
+def _with_functions(made: Made, by_label: Mapping[str, list[str]], block: Block) -> Made:
+    own = [unquoted(word) for inner in block.inner("FUNCTION_LIST") for word in inner.tokens]
+    functions = tuple(dict.fromkeys([*by_label.get(made.name, ()), *own]))
+    return replace(made, functions=functions) if functions else made
+
+
+def _function(block: Block) -> Function:
+    cursor = Cursor(block)
+    name, description = cursor.word("name"), cursor.text("description")
+    inner = block.inner("DEF_CHARACTERISTIC")
+    return Function(name, description, tuple(unquoted(word) for one in inner for word in one.tokens))

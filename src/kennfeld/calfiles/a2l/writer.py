@@ -1,0 +1,338 @@
+"""Values written back into an image, as the control unit can store them.
+
+A number that has not changed keeps its bytes; a changed one becomes the nearest raw number (of two as near the even
+one). Checksums of the control unit are not touched.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.a2l.cursor import UnusableError
+from kennfeld.calfiles.a2l.labels import AxisInMemory, Label, Labels, SharedAxis, encoding_of
+from kennfeld.calfiles.a2l.memory import Memory
+from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
+from kennfeld.calfiles.a2l.parts import Kept, Part
+from kennfeld.calfiles.a2l.reader import listed, say_identity
+from kennfeld.calfiles.a2l.record import AbsentError, Places
+from kennfeld.calfiles.a2l.rounding import Roundings, nearest_raw
+from kennfeld.calfiles.format import Notes, counted
+from kennfeld.calfiles.images.image import Image
+from kennfeld.calfiles.images.reading import read_image
+from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+
+__all__ = ["stored"]
+
+_CLOSE = 1e-5  # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
+
+
+def stored(a2l: A2l, image: Image, parameters: ParameterSet, notes: Notes) -> bytes:
+    """The file of an image with the values of `parameters` in it; byte for byte the same where nothing changed.
+
+    Notes an error for each value beyond what its data type or its limits allow and for each shape that the memory
+    does not have, and remarks on what is rounded, cannot be written or is not in the A2L file.
+    """
+    writer = _Writer(Labels(a2l, image), notes, parameters)
+    writer.write()
+    content = image.changed(writer.memory.changes(image))
+    if content != image.raw:
+        say_identity(a2l, image, notes)
+        writer.roundings.tell(notes)
+        notes.remark(0, "", "the checksums of the control unit are left to the flash tool")
+        _tell_dependent(a2l, writer.done, notes)
+        _tell_shared_memory(a2l, image, content, writer, notes)
+    return content
+
+
+@dataclass
+class _Writer:
+    labels: Labels
+    notes: Notes
+    given: ParameterSet
+    memory: Memory = field(init=False)
+    roundings: Roundings = field(default_factory=Roundings)
+    done: dict[str, None] = field(default_factory=dict)  # what may have changed
+    left: list[str] = field(default_factory=list)  # names the A2L file does not have
+
+    def __post_init__(self) -> None:
+        self.memory = Memory(self.notes)
+
+    def write(self) -> None:
+        """Every group axis, parameter and text."""
+        self._tell_units()
+        for axis in self.given.axes:
+            if axis.name in self.labels.a2l.axis_pts:
+                self._guarded(self.labels.a2l.axis_pts[axis.name], partial(self._shared_axis, axis))
+        for thing in self.given.chosen:
+            source = self.labels.a2l.characteristics.get(thing.name)
+            if source is None:
+                self.left.append(thing.name)
+            elif isinstance(thing, Text):
+                self._guarded(source, partial(self._text, thing))
+            else:
+                self._guarded(source, partial(self._parameter, thing))
+        if self.left:
+            self.notes.remark(0, "", f"{listed(self.left)} left out: {self.labels.a2l.file} does not have them")
+
+    def _tell_units(self) -> None:
+        """Numbers in another unit than the control unit's would be wrong; that is for a person to decide."""
+        found = []
+        for member in self.given.parameters:
+            source = self.labels.a2l.characteristics.get(member.name)
+            unit = "" if source is None else self.labels.unit(source)
+            if unit and member.unit and unit != member.unit:
+                found.append(f"{member.name} in {member.unit}, not {unit}")
+        if found:
+            what = f"{counted(len(found), 'label')} in another unit than {self.labels.a2l.file} states"
+            self.notes.remark(
+                0, "", f"{what}, written as they are: {'; '.join(found[:3])}", "See whether that is meant."
+            )
+
+    def _guarded(self, source: AxisPts | Characteristic, write: Callable[[], None]) -> None:
+        """Do it; what cannot be written is told."""
+        try:
+            write()
+        except UnusableError as error:
+            self.notes.remark(0, source.name, f"cannot be written: it {error}")
+        except AbsentError:
+            what = f"cannot be written: 0x{source.address:X} is not in {self.labels.image.name}"
+            self.notes.remark(0, source.name, what)
+
+    def _shared_axis(self, axis: Axis) -> None:
+        shared = self.labels.shared(axis.name)
+        if shared.axis is None:
+            self.notes.remark(0, axis.name, "is a rescale axis, which is not written")
+            return
+        points = _in_order(axis.breakpoints, shared.falling)
+        if points.size != len(shared.axis):
+            self._resized_axis(shared, points)
+        else:
+            self._numbers(shared.source, shared.part, points, shared.source.address, "breakpoint")
+
+    def _resized_axis(self, shared: SharedAxis, points: Float) -> None:
+        """Another number of breakpoints: possible where the memory counts them, with all tables that share them."""
+        name = shared.source.name
+        users = [
+            one.name
+            for one in self.labels.a2l.characteristics.values()
+            if any(axis.axis_pts_ref == name for axis in one.axes) and one.name not in self.given
+        ]
+        if users:
+            self._wrong(
+                name,
+                f"has {points.size} breakpoints, the image {len(shared.axis or ())}, and {listed(users)} "
+                "that share them are not given",
+                "Give these tables too.",
+            )
+            return
+        places = self._resized(shared.source, {"AXIS_PTS_X": points.size}, (len(shared.axis or ()),))
+        if places is not None:
+            part = self.labels.part(shared.source.address, places, "AXIS_PTS_X", shared.part.kept)
+            self._counts(shared.source, places)
+            self._numbers(shared.source, part, points, shared.source.address, "breakpoint", everything=True)
+
+    def _resized(
+        self, source: AxisPts | Characteristic, counts: Mapping[str, int], before: tuple[int, ...]
+    ) -> Places | None:
+        """Where everything is with other numbers of points; None, and an error, where the memory has none of them."""
+        layout = self.labels.layout(source.record_layout)
+        stored = {f"AXIS_PTS_{one.direction}" for one in layout.components if one.kind == "NO_AXIS_PTS"}
+        shared = isinstance(source, Characteristic) and {
+            f"AXIS_PTS_{direction}"
+            for direction, axis in zip(DIRECTIONS, source.axes, strict=False)
+            if axis.attribute == "COM_AXIS"
+        }
+        sizes = " x ".join(map(str, counts.values()))
+        said = f"has {sizes} points here, {' x '.join(map(str, before))} in the image"
+        if not set(counts) <= stored | (shared or set()):
+            self._wrong(source.name, f"{said}, which keeps no number of them", "Give it as many.")
+            return None
+        try:
+            return self.labels.places(source, counts)
+        except UnusableError as error:
+            self._wrong(source.name, f"{said}: it {error}")
+        except AbsentError:
+            self._wrong(source.name, f"{said}, where there is no room for them")
+        return None
+
+    def _counts(self, source: AxisPts | Characteristic, places: Places) -> None:
+        """Write the numbers of points that the memory keeps."""
+        for key, component in places.components.items():
+            if component.kind != "NO_AXIS_PTS":
+                continue
+            number = places.counts[f"AXIS_PTS_{component.direction}"]
+            order = self.labels.order(source)
+            kept = Kept(component.data_type, order, self.labels.plain)
+            part = self.labels.part(source.address, places, key, kept)
+            self._numbers(source, part, np.array(float(number)), source.address, "number of points")
+
+    def _parameter(self, member: Parameter) -> None:
+        label = self.labels.label(member.name)
+        if label.member is None:
+            what = "is a text in the control unit"
+            self.notes.remark(0, member.name, f"{what}; the number given is not written")
+            return
+        if label.member.values.ndim != member.values.ndim or len(label.axes) != len(member.axes):
+            self._wrong(member.name, f"is a {member.kind} here and a {label.member.kind} in the control unit")
+            return
+        if member.values.shape != label.member.values.shape:
+            self._resized_table(label, member)
+            return
+        for direction, mine, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
+            self._axis(label, direction, mine, axis)
+        values = label.in_memory_order(member.values)
+        self._numbers(label.source, label.part, values, label.source.address, "value", member)
+
+    def _axis(self, label: Label, direction: str, mine: AxisInMemory, axis: Axis) -> None:
+        points = _in_order(axis.breakpoints, mine.falling)
+        if mine.part is not None:
+            self._numbers(
+                label.source, mine.part, points, label.source.address, f"{direction} breakpoint", locked=mine.read_only
+            )
+            return
+        wanted = self._shared_points(mine)
+        span = float(np.ptp(wanted)) or 1.0
+        if np.any(np.abs(axis.breakpoints - wanted) > _CLOSE * span):
+            at = int(np.argmax(np.abs(axis.breakpoints - wanted)))
+            which = f"where the common axis {mine.shared} has" if mine.shared else "which the control unit fixes to"
+            what = f"has the {direction} breakpoint {axis.breakpoints[at]:g}, {which} {wanted[at]:g}"
+            self._wrong(label.source.name, what, "Give both the same breakpoints.")
+
+    def _shared_points(self, mine: AxisInMemory) -> Float:
+        """The breakpoints that a common axis will have."""
+        given = next((axis for axis in self.given.axes if axis.name == mine.shared), None) if mine.shared else None
+        return mine.axis.breakpoints if given is None else given.breakpoints
+
+    def _resized_table(self, label: Label, member: Parameter) -> None:
+        before, sizes = label.part.physical.shape, member.values.shape
+        if not label.axes:
+            said = " x ".join(map(str, sizes))
+            self._wrong(member.name, f"has {said} values here, {' x '.join(map(str, before))} in the control unit")
+            return
+        both = zip(DIRECTIONS, sizes, before, strict=False)
+        counts = {f"AXIS_PTS_{direction}": size for direction, size, old in both if size != old}
+        places = self._resized(label.source, counts, before)
+        if places is None:
+            return
+        self._counts(label.source, places)
+        for direction, mine, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
+            points, key = _in_order(axis.breakpoints, mine.falling), f"AXIS_PTS_{direction}"
+            if mine.part is not None:
+                part = self.labels.part(label.source.address, places, key, mine.part.kept)
+                self._numbers(
+                    label.source, part, points, label.source.address, f"{direction} breakpoint", everything=True
+                )
+            elif len(self._shared_points(mine)) == len(axis):
+                self._axis(label, direction, mine, axis)
+            else:
+                self._wrong(member.name, f"has {len(axis)} {direction} breakpoints, its axis has another number")
+        part = self.labels.part(label.source.address, places, "FNC_VALUES", label.part.kept)
+        values = label.in_memory_order(member.values)
+        self._numbers(label.source, part, values, label.source.address, "value", member, everything=True)
+
+    def _text(self, text: Text) -> None:
+        label = self.labels.label(text.name)
+        if label.text is None:
+            what = f"is a {label.source.type} in the control unit"
+            self.notes.remark(0, text.name, f"{what}; the text given is not written")
+        elif text.text == label.text.text:
+            return
+        elif label.source.read_only:
+            self._read_only(label.source, 1)
+        elif label.words is not None:
+            self._word(label, text)
+        else:
+            self._characters(label, text)
+
+    def _word(self, label: Label, text: Text) -> None:
+        words = label.part.kept.conversion.words
+        raw = None if words is None else words.raw(text.text)
+        if raw is None or words is None:
+            known = ", ".join(dict.fromkeys(word for _, _, word in words.table.ranges)) if words else ""
+            self._wrong(text.name, f"{text.text[:40]!r} is no word that it can have", f"Choose from {known[:200]}.")
+            return
+        self.done[text.name] = None
+        self.memory.put(label.source.name, label.source.address, label.part, np.asarray(raw), np.asarray(True))
+
+    def _characters(self, label: Label, text: Text) -> None:
+        size = label.part.stored.size
+        content = text.text.encode(encoding_of(label.source), errors="replace")
+        if len(content) > size:
+            self._wrong(text.name, f"has {len(content)} characters, there is room for {size}", "Shorten the text.")
+            return
+        raw = np.frombuffer(content.ljust(size, b"\0"), dtype=np.uint8).astype(np.float64)
+        if label.part.kept.data_type == "SBYTE":
+            raw = np.where(raw > 127, raw - 256, raw)
+        self.done[text.name] = None
+        self.memory.put(text.name, label.source.address, label.part, raw, raw != label.part.stored)
+
+    def _numbers(
+        self,
+        source: AxisPts | Characteristic,
+        part: Part,
+        values: Float,
+        address: int,
+        thing: str,
+        member: Parameter | None = None,
+        *,
+        everything: bool = False,
+        locked: bool = False,
+    ) -> None:
+        """Write the numbers that differ from the memory, or `everything` where it lies anew."""
+        unlike = part.unlike(values) | everything
+        if not unlike.any():
+            return
+        axes = None if member is None else member.axes
+        found = nearest_raw(source.name, part, values, unlike, thing, axes, self.notes)
+        if found is None:
+            return
+        changed = (found.raw != part.raw) & unlike
+        if (source.read_only or locked) and changed.any():
+            self._read_only(source, int(changed.sum()))
+            return
+        self.done[source.name] = None
+        self.roundings.keep(source.name, found)
+        self.memory.put(source.name, address, part, found.raw, changed | everything)
+
+    def _read_only(self, source: AxisPts | Characteristic, count: int) -> None:
+        what = f"is READ_ONLY: {counted(count, 'other value')} given for it not written"
+        self.notes.remark(0, source.name, what)
+
+    def _wrong(self, name: str, what: str, mend: str = "") -> None:
+        self.notes.error(0, name, what, mend)
+
+
+def _in_order(points: Float, falling: bool) -> Float:
+    return points[::-1] if falling else points
+
+
+def _tell_dependent(a2l: A2l, changed: Collection[str], notes: Notes) -> None:
+    """Tell which labels a formula gives from others that have changed."""
+    found = [
+        one.name
+        for one in a2l.characteristics.values()
+        if one.name not in changed and any(name in changed for name in one.dependent_on)
+    ]
+    if found:
+        what = f"{listed(found)} follow from changed labels by formulas, which are not calculated"
+        notes.remark(0, "", f"{what}; their numbers stay")
+
+
+def _tell_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _Writer, notes: Notes) -> None:
+    """Tell which labels that were not to change have changed, because they lie in the same memory as others."""
+    after = Labels(a2l, read_image(content, image.name, Notes(image.name)))
+    for name in a2l.characteristics:
+        if name in writer.done or name in a2l.axis_pts:
+            continue
+        try:
+            before, now = writer.labels.label(name), after.label(name)
+        except (UnusableError, AbsentError):
+            continue
+        if before.places.offsets.keys() == now.places.offsets.keys() and before.same_numbers(now):
+            continue
+        given = name in writer.given
+        what = "changes although it is not to: it lies in the same memory as another label that does"
+        (notes.error if given else notes.remark)(0, name, what)

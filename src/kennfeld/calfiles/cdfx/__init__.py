@@ -1,0 +1,1 @@
+"""CDFX, the calibration data format of ASAM."""

@@ -1,0 +1,1 @@
+"""CVX, INCA's calibration values as CSV."""

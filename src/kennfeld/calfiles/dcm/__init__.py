@@ -1,0 +1,1 @@
+"""DCM, the format in which INCA and others exchange calibrations."""

@@ -1,0 +1,279 @@
+"""A calibration workbook as parameters: the index names what there is and on which sheet its numbers are."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from kennfeld.calfiles.excel.book import Sheet, index_heading, number_fault, opened, sheet_of
+from kennfeld.calfiles.excel.sheets import (
+    AXES,
+    AXES_HEADING,
+    INDEX,
+    INDEX_HEADING,
+    KINDS,
+    SCALARS,
+    SCALARS_HEADING,
+    TEXTS,
+    TEXTS_HEADING,
+)
+from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
+from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.errors import ArgumentError, nearest
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
+from kennfeld.workbooks import Workbook
+
+__all__ = ["read_excel"]
+
+Thing = Parameter | Text
+Key = tuple[str, str]  # name and variant
+_TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
+
+
+def read_excel(source: Source) -> Content:
+    """The parameters of a workbook with an index; sheets that the index does not name are the user's own.
+
+    Of a label with several variants the first one counts. Raises `InputError` with every finding and its cell.
+    """
+    notes = Notes(source.name)
+    book = opened(source)
+    index = sheet_of(book, INDEX) if INDEX in book.names else Sheet(INDEX, [])
+    heading = index_heading(index)
+    if heading is None:
+        what = f"is an Excel workbook without a sheet {INDEX} that lists name, kind and sheet of each parameter"
+        notes.error(0, "", what, "A workbook of measured data belongs to a dataset.")
+        notes.settle()
+    assert heading is not None
+    reader = _Reader(book, notes)
+    reader.read(_rows(index, heading, INDEX_HEADING, notes))
+    remarks = notes.settle()
+    return Content("Excel", reader.parameters(), remarks)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One row of a list: its cells by heading."""
+
+    sheet: Sheet
+    row: int
+    columns: dict[str, int]
+
+    def text(self, heading: str) -> str:
+        return self.sheet.text(self.row, self.columns[heading]) if heading in self.columns else ""
+
+    @property
+    def name(self) -> str:
+        return self.text("name").strip()
+
+    @property
+    def key(self) -> Key:
+        return self.name, self.text("variant")
+
+    def place(self, heading: str) -> str:
+        return self.sheet.place(self.row, self.columns.get(heading, 0))
+
+    def labels(self) -> dict[str, Any]:
+        functions = tuple(word.strip() for word in self.text("functions").split(",") if word.strip())
+        named = {"display_name": self.text("display name"), "variant": self.text("variant")}
+        return {"description": self.text("description"), "functions": functions, **named}
+
+
+def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], notes: Notes) -> list[_Row]:
+    """The rows of a list below its headings, whose columns may have moved."""
+    if heading is None:
+        heading = next((row for row in range(min(len(sheet.rows), 50)) if words[0] in _words(sheet, row)), None)
+    if heading is None:
+        notes.error(0, "", f"Sheet {sheet.name} has no row of headings", f"Its first row must be: {', '.join(words)}.")
+        return []
+    found = _words(sheet, heading)
+    columns = {word: found.index(word) for word in words if word in found}
+    rows = [_Row(sheet, row, columns) for row in range(heading + 1, len(sheet.rows))]
+    first = columns.get(words[0], 0)
+    return [row for row in rows if sheet.text(row.row, first).strip()]
+
+
+def _words(sheet: Sheet, row: int) -> list[str]:
+    return [str(cell).strip().casefold() for cell in sheet.rows[row]]
+
+
+@dataclass
+class _Reader:
+    book: Workbook
+    notes: Notes
+    things: dict[Key, Thing] = field(default_factory=dict)
+    groups: dict[str, tuple[Sheet, AxisCells]] = field(default_factory=dict)
+    broken: set[str] = field(default_factory=set)  # group axes with a finding of their own
+    users: dict[str, str] = field(default_factory=dict)  # the parameter whose table is on a sheet
+
+    def read(self, index: list[_Row]) -> None:
+        """Everything that the index names, in its order, then the single values that were added."""
+        self._read_groups()
+        singles = self._listed(SCALARS, SCALARS_HEADING)
+        texts = self._listed(TEXTS, TEXTS_HEADING)
+        seen: dict[Key, _Row] = {}
+        for row in index:
+            first = seen.setdefault(row.key, row)
+            if first is not row:
+                self._wrong(f"{row.place('name')} names {row.name} a second time", "Delete one of the two rows.")
+            else:
+                self._take(row, singles, texts)
+        for key, row in {**singles, **texts}.items():
+            if key not in seen:
+                self._hold(key, self._single(row) if key in singles else self._text(row))
+
+    def parameters(self) -> ParameterSet:
+        """The set; the first variant of each name counts."""
+        first = {name: (name, variant) for name, variant in reversed(self.things)}
+        chosen = [thing for key, thing in self.things.items() if first[key[0]] == key]
+        others = [thing for key, thing in self.things.items() if first[key[0]] != key]
+        axes = [_axis(cells, name) for name, (_, cells) in self.groups.items()]
+        members = [thing for thing in chosen if isinstance(thing, Parameter)]
+        return ParameterSet(members, [thing for thing in chosen if isinstance(thing, Text)], axes, others)
+
+    def _wrong(self, what: str, mend: str = "") -> None:
+        self.notes.error(0, "", what, mend)
+
+    def _hold(self, key: Key, thing: Thing | None) -> None:
+        if thing is None:
+            return
+        first = next((known for (name, _), known in self.things.items() if name == key[0]), thing) if key[1] else thing
+        if isinstance(first, Text) != isinstance(thing, Text):
+            self._wrong(f"{key[0]} is a text in one variant and a number in another", "Rename one of the two.")
+        self.things[key] = thing
+
+    def _listed(self, name: str, heading: tuple[str, ...]) -> dict[Key, _Row]:
+        """The rows of the sheet of single values or texts."""
+        found: dict[Key, _Row] = {}
+        if name not in self.book.names:
+            return found
+        for row in _rows(sheet_of(self.book, name), None, heading, self.notes):
+            if row.key in found:
+                self._wrong(f"{row.place('name')} names {row.name} a second time", "Delete one of the two rows.")
+            found.setdefault(row.key, row)
+        return found
+
+    def _take(self, row: _Row, singles: dict[Key, _Row], texts: dict[Key, _Row]) -> None:
+        kind, sheet = row.text("kind").strip().casefold(), row.text("sheet").strip()
+        if kind not in KINDS:
+            mend = nearest(kind, KINDS) or f"The kinds are {', '.join(KINDS)}."
+            self._wrong(f"{row.place('kind')} holds {row.text('kind')[:60]!r}, which is no kind of parameter", mend)
+            return
+        if kind == "text" or sheet.casefold() == SCALARS.casefold() or kind == "scalar":
+            listed, name = (texts, TEXTS) if kind == "text" else (singles, SCALARS)
+            if row.key not in listed:
+                self._wrong(f"{row.place('name')} names {row.name}, which is not on the sheet {name}", "Add it there.")
+                return
+            self._hold(row.key, self._text(listed[row.key]) if kind == "text" else self._single(listed[row.key]))
+        elif sheet not in self.book.names:
+            what = f"{row.place('sheet')} names the sheet {sheet!r}, which this workbook does not have"
+            self._wrong(what, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
+        elif self.users.setdefault(sheet, row.place("name")) != row.place("name"):
+            what = f"{row.place('sheet')} names the sheet {sheet!r}, as {self.users[sheet]} does"
+            self._wrong(what, "Each table has a sheet of its own.")
+        else:
+            self._hold(row.key, self._table(row, kind, sheet_of(self.book, sheet)))
+
+    def _single(self, row: _Row) -> Parameter | None:
+        if "value" not in row.columns:
+            self._wrong(f"Sheet {row.sheet.name} has no column 'value'")
+            return None
+        number = read_number(row.sheet, row.row, row.columns["value"], self.notes)
+        if number is None:
+            return None
+        attributes = row.labels() | {"unit": row.text("unit")}
+        size = row.text("size").split("x")
+        if size == [""]:
+            return Scalar(row.name, number, **attributes)
+        if any(word.strip() != "1" for word in size) or len(size) > 4:
+            self._wrong(f"{row.place('size')} holds {row.text('size')!r}, but there is one value")
+            return None
+        return Block(row.name, np.full([1] * len(size), number), **attributes)
+
+    def _text(self, row: _Row) -> Text:
+        return Text(row.name, row.text("text"), **row.labels())
+
+    def _table(self, row: _Row, kind: str, sheet: Sheet) -> Parameter | None:
+        grid = read_grid(sheet, self.notes)
+        if grid is None:
+            return None
+        attributes = row.labels() | {"unit": row.text("unit")}
+        if kind == "block":
+            return Block(row.name, grid.values, **attributes)
+        least, most = _TABLES[kind]
+        if not least <= len(grid.axes) <= most:
+            self._wrong(f"Sheet {sheet.name} has a table of {len(grid.axes)} directions, which is no {kind}")
+            return None
+        axes = [self._table_axis(sheet, cells) for cells in grid.axes]
+        if None in axes:
+            return None
+        return self._made(row, grid, [axis for axis in axes if axis is not None], attributes)
+
+    def _made(self, row: _Row, grid: Grid, axes: list[Axis], attributes: dict[str, Any]) -> Parameter | None:
+        try:
+            return parameter(row.name, grid.values, axes, **attributes)
+        except ArgumentError as error:
+            self._wrong(str(error))
+            return None
+
+    def _table_axis(self, sheet: Sheet, cells: AxisCells) -> Axis | None:
+        if cells.group:
+            if cells.group in self.broken:
+                return None
+            where, known = self.groups.setdefault(cells.group, (sheet, cells))
+            if not self._agrees(sheet, cells, where, known):
+                return None
+        return _axis(cells, cells.group) if self._increases(sheet, cells) else None
+
+    def _agrees(self, sheet: Sheet, cells: AxisCells, where: Sheet, known: AxisCells) -> bool:
+        """Whether the copy of a group axis is that of its own row."""
+        mend = f"Change group axes on the sheet {AXES} alone, and let Excel recalculate."
+        if len(cells.points) != len(known.points):
+            found = f"{sheet.place(*cells.cells[0])} begins {len(cells.points)} breakpoints"
+            self._wrong(f"{found}, the group axis {cells.group} has {len(known.points)}", mend)
+            return False
+        for point, cell, other, place in zip(cells.points, cells.cells, known.points, known.cells, strict=True):
+            if point != other:
+                origin = f"{other:.15g} of the group axis {cells.group} in {where.place(*place)}"
+                self._wrong(f"{sheet.place(*cell)} holds {point:.15g}, not {origin}", mend)
+                return False
+        return True
+
+    def _increases(self, sheet: Sheet, cells: AxisCells) -> bool:
+        for before, after, place in zip(cells.points, cells.points[1:], cells.cells[1:], strict=False):
+            if after <= before:
+                what = f"{sheet.place(*place)} holds {after:.15g}, no more than the breakpoint before, {before:.15g}"
+                self._wrong(what, "Each breakpoint must be larger than the one before.")
+                return False
+        return True
+
+    def _read_groups(self) -> None:
+        if AXES not in self.book.names:
+            return
+        sheet = sheet_of(self.book, AXES)
+        for row in _rows(sheet, None, AXES_HEADING, self.notes):
+            name = row.text(AXES_HEADING[0]).strip()
+            start = row.columns.get("breakpoints", len(AXES_HEADING) - 1)
+            cells = _breakpoints(sheet, row.row, start, self.notes)
+            if name in self.groups:
+                self._wrong(f"{row.place(AXES_HEADING[0])} names {name} a second time", "Delete one of the two rows.")
+            elif cells is None or not self._increases(sheet, cells):
+                self.broken.add(name)
+            else:
+                cells.input, cells.unit = row.text("input"), row.text("unit")
+                self.groups[name] = (sheet, cells)
+
+
+def _breakpoints(sheet: Sheet, row: int, start: int, notes: Notes) -> AxisCells | None:
+    end = start
+    while sheet.cell(row, end) is not None:
+        end += 1
+    if not number_fault(sheet.cell(row, end + 1)) or end == start:
+        notes.error(0, "", f"{sheet.place(row, end)} is empty; a breakpoint is missing")
+        return None
+    points = [read_number(sheet, row, column, notes) for column in range(start, end)]
+    known = [point for point in points if point is not None]
+    return AxisCells(known, [(row, c) for c in range(start, end)]) if len(known) == len(points) else None
+
+
+def _axis(cells: AxisCells, name: str) -> Axis:
+    return Axis(cells.points, cells.input, cells.unit, name)

@@ -1,0 +1,1 @@
+"""MSQ, the tunes of TunerStudio."""

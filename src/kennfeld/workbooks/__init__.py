@@ -1,0 +1,6 @@
+"""Spreadsheets opened with care: what a damaged or hostile file could ask for is bounded before a library reads it."""
+
+from kennfeld.workbooks.opening import Workbook, opened
+from kennfeld.workbooks.places import column_letters
+
+__all__ = ["Workbook", "column_letters", "opened"]

@@ -1,0 +1,173 @@
+"""MATLAB scripts as people write them, and as Kennfeld writes them."""
+
+import numpy as np
+import pytest
+
+from kennfeld.calfiles import describe, read, write
+from kennfeld.calfiles.matlab_script import comment_of, recognises_script, said_by
+from kennfeld.errors import InputError
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+
+PEOPLE = """%% Engine calibration
+clear all; clc
+%{
+K = 99;
+%}
+K = 1.2e-3;      % [Nm/rpm] gain of the governor
+L = -2 * (3 + 1)^2 / 4; M = pi, N = inf;
+On = true;
+V = [1, 2, 3]';
+W = [1 -2 +3
+     4 5 6];      # 6 numbers
+R = [1 - 2, 3 ...  goes on
+     -4];
+Step = 0:500:2000;
+X.Value = uint16(7);   X.Unit = 'rpm'; X.Min = 0;
+P = Simulink.Parameter(5); P.Description = 'it''s "five"';
+Q = Simulink.Parameter;
+Q.Value = [1 2; 3 4];
+LUT = Simulink.LookupTable;
+LUT.Table.Value = [1 2 3; 4 5 6];
+LUT.Breakpoints(1).Value = [10 20];
+LUT.Breakpoints(2).Value = [0 50 100];
+Gov.Kp = 0.08; Gov.Ki = 0.046;
+Eta.x = Step; Eta.values = linspace(1, 0, 5);
+Eta.y_is = "free text";
+T = 'text with % and ...';
+Turned.X = [1 2]; Turned.Y = [1 2 3]; Turned.Data = [1 2; 3 4; 5 6];
+Pair = struct('x', [0 1], 'y', [2 3]);
+"""
+
+
+@pytest.fixture
+def script(written):
+    return lambda text: written(text, "start.m")
+
+
+def refused(path):
+    with pytest.raises(InputError) as caught:
+        read(path)
+    return str(caught.value)
+
+
+def test_what_people_write_is_read(script):
+    found = read(script(PEOPLE))
+    assert found["K"] == Scalar("K", 1.2e-3, unit="Nm/rpm", description="gain of the governor")
+    assert [found[name].value for name in ("L", "M", "N", "On")] == [-8.0, np.pi, np.inf, 1.0]
+    assert found["V"] == Block("V", [1, 2, 3])
+    assert found["W"].values.tolist() == [[1, -2, 3], [4, 5, 6]]
+    assert found["R"].values.tolist() == [-1, 3, -4]
+    assert found["X"] == Scalar("X", 7, unit="rpm")
+    assert found["P"] == Scalar("P", 5, description='it\'s "five"')
+    assert found["Q"].values.tolist() == [[1, 2], [3, 4]]
+    assert found["LUT"] == Map("LUT", [10, 20], [0, 50, 100], [[1, 2, 3], [4, 5, 6]])
+    assert (found["Gov.Kp"].value, found["Gov.Ki"].value) == (0.08, 0.046)
+    assert found["Eta"] == Curve("Eta", [0, 500, 1000, 1500, 2000], [1, 0.75, 0.5, 0.25, 0])
+    assert found["Turned"].values.tolist() == [[1, 3, 5], [2, 4, 6]]
+    assert found["Pair"] == Curve("Pair", [0, 1], [2, 3])
+    assert found.texts == (Text("T", "text with % and ..."),)
+
+
+def test_what_is_left_aside_is_told_with_its_line(script):
+    remarks = "\n".join(str(remark) for remark in describe(script(PEOPLE)).remarks)
+    assert "start.m line 2: 'clear all' assigns no plain numbers; left aside" in remarks
+    assert "the fields Min, y_is say nothing about values" in remarks
+    assert "(Turned): has a row for each of the 3 y breakpoints; it is read turned" in remarks
+
+
+def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
+    text = "K = 1;\nL = 2;\nM = 3;\nK = system('x');\nif M > 2\n  L = 5;\nend\nM2 = M * 2;\nM(2) = 4;\n"
+    found = describe(script(text))
+    assert [summary.name for summary in found.parameters] == ["M2"]
+    assert [remark.place for remark in found.remarks] == [f"start.m line {line}" for line in (4, 5, 9)]
+
+
+def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
+    found = read(script("function p = engine()\np.K = 1;\nend\nfunction x = other()\nx = 2;\nend\n"))
+    assert list(found) == ["p.K"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("M.x = [1 1];\nM.values = [2 3];\n", "start.m line 1 (M): M.x does not increase: breakpoint 2 is 1 after 1"),
+        ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, its axes ask for 3 x 2"),
+        ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y holds no numbers"),
+        ("M.x = 'a';\nM.values = [2 3];\n", "M.x holds no numbers. Assign numbers in brackets."),
+        ("K = 1;\nM = [1 2\n3 4;\n", "start.m line 2: opens a bracket that is never closed"),
+        (
+            "A.x = [1 2]; A.x_name = 'G'; A.values = [1 2]; B.x = [1 3]; B.x_name = 'G'; B.values = [1 2];",
+            "group axis G",
+        ),
+        ("K.name = 'a'; K.value = 1; L.name = 'a'; L.value = 2;", "a is given twice"),
+        ("B.size = [2 2]; B.values = [1 2 3];", "B.size does not fit its 3 values"),
+        ("K = foo(1);", "assigns no numbers"),
+    ],
+)
+def test_what_is_wrong_is_named(script, text, said):
+    assert said in refused(script(text))
+
+
+def test_a_script_of_ours_reads_like_one_written_by_hand(tmp_path):
+    speed = Axis([700, 1000.5], "n", "rpm", "Axis.Speed")
+    parameters = ParameterSet(
+        [
+            Scalar("K", 0.08, unit="Nm", description="gain"),
+            Map("MapX", speed, [1, 2], [[1, 2], [3, np.nan]], unit="a]b", description="it's"),
+            Cube("C", [[1, 2], [3], [4, 5]], np.arange(4.0).reshape(2, 1, 2), functions=["f", "g"]),
+            Scalar("a.b[0]", -0.0, variant="Engine=1"),
+            Scalar("if", np.inf),
+        ],
+        [Text("T", "line\nbreak", "said")],
+        [speed],
+        [Scalar("a.b[0]", 3, variant="Engine=2")],
+    )
+    write(parameters, tmp_path / "a.m")
+    text = (tmp_path / "a.m").read_text(encoding="utf-8")
+    assert read(tmp_path / "a.m") == parameters
+    assert "\nK = 0.08; % [Nm] gain\n" in text
+    assert "\nMapX.x = Axis_Speed.x;\n" in text
+    assert "\nMapX.values = [\n   1 2\n   3 NaN\n];\n" in text
+    assert "C.values = reshape([0 2 ...\n   1 3], [2 1 2]);" in text
+
+
+def test_a_changed_group_axis_changes_its_tables(tmp_path):
+    speed = Axis([700, 1000], name="Speed")
+    write(ParameterSet([Curve(name, speed, [1, 2]) for name in "AB"]), tmp_path / "a.m")
+    text = (tmp_path / "a.m").read_text(encoding="utf-8").replace("[700 1000]", "[800 1000]")
+    (tmp_path / "a.m").write_text(text, encoding="utf-8")
+    assert [curve.axes[0].breakpoints[0] for curve in read(tmp_path / "a.m").parameters] == [800, 800]
+
+
+@pytest.mark.parametrize(
+    "text", ["y = a + b\n", "x[rpm] = 3\n", "import numpy\nx = 3;\n", "time,n\n0,1\n", "", "% K = 1\n"]
+)
+def test_other_texts_are_no_scripts(text):
+    assert not recognises_script(text)
+
+
+HOSTILE = [
+    "K=" + "(" * 100_000,
+    "K = " + "-" * 100_000 + "1;",
+    "K = zeros(1e9);",
+    "K = 0:1e-9:1;",
+    "x = [\n" * 50_000 + "]",
+]
+HOSTILE += ["A = [1 1];" + "A = [A A];" * 60, "S.a = 1;" + "S.a = S; S.b = S;" * 60, "S.a = 1;" + "S.a = S;" * 2000]
+HOSTILE += ["K" + ".a" * 99_999 + "=1;", "\n".join(f"A{i} = zeros(3000);" for i in range(1000))]
+
+
+@pytest.mark.parametrize("hostile", HOSTILE, ids=range(len(HOSTILE)))
+def test_hostile_scripts_end(script, hostile):
+    with pytest.raises(InputError):
+        read(script(f"% Kennfeld calibration\nM.x = 2;\n{hostile}\nM.values = 'a';"))
+
+
+@pytest.mark.parametrize(("unit", "said"), [("Nm", "gain"), ("", "gain"), ("Nm", ""), ("a b", "x % y")])
+def test_a_comment_says_unit_and_description(unit, said):
+    assert said_by(comment_of(unit, said)) == (unit, said)
+
+
+@pytest.mark.parametrize(("unit", "said"), [("a]", ""), ("", "[x] y"), ("", " blank"), ("", "a\nb")])
+def test_what_a_comment_cannot_say_goes_elsewhere(unit, said):
+    assert comment_of(unit, said) is None
