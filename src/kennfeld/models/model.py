@@ -44,9 +44,9 @@ class Model:
 
     @property
     def carried(self) -> ParameterSet:
-        """The parameters that come with it: the expansions of its surrogates."""
+        """The parameters that come with it: those it gives values, and the expansions of its surrogates."""
         if not self.surrogates:
-            return ParameterSet()
+            return self.values
         from kennfeld.surrogate import expansions
 
-        return expansions(self.surrogates)
+        return expansions(self.surrogates).merged(self.values)

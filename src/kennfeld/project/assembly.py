@@ -83,7 +83,9 @@ class _Assembling:
         self.surrogates = read_surrogates(file, findings)
         initial = self._with_surrogates(read_initial(file, findings))
         known = [*(initial or ()), *file.parameters]
-        self.function = self._function(known, complete=initial is not None)
+        self.function = self._function(known, initial)
+        if initial is not None and self.function is not None and self.function.model.values:
+            initial = self.function.model.values.merged(initial).from_origin(initial.origin)
         self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
@@ -151,17 +153,18 @@ class _Assembling:
         severity = "warning" if warning else "error"
         self.findings.append(Finding(self.file.place(part), what, mend, severity=severity))  # type: ignore[arg-type]
 
-    def _function(self, known: list[str], *, complete: bool) -> Function | None:
+    def _function(self, known: list[str], initial: ParameterSet | None) -> Function | None:
         """The function; what it looks up and nobody defines is found only when all initial files could be read."""
         if len(self.surrogates) < len(self.file.surrogates):
             return None  # what calls a missing one would seem wrong
-        function = read_function(self.file, known, self.surrogates, self.findings)
+        function = read_function(self.file, known, self.surrogates, self.findings, initial)
         if function is None:
             return None
         for surrogate in self.surrogates:
             if surrogate.name not in function.graph.parameters:
                 self._report(f"[surrogates] {surrogate.name}", "the function does not call it", warning=True)
-        lacking = undefined(function, known) if complete else []
+        known = [*known, *function.model.values]
+        lacking = undefined(function, known) if initial is not None else []
         self.findings += lacking
         for name in self.file.parameters:
             if name not in function.graph.parameters:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph import Graph
@@ -13,7 +13,8 @@ from kennfeld.models.formula import extend, read
 from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.formula.source import Source
-from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.parameters import ParameterSet
+from kennfeld.project.schema import DIRECTIONS, SIMULINK, ProjectFile
 
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["Function", "coordinates_of", "read_function", "undefined"]
 
 _LATER_KINDS = {
-    ".slx": "a Simulink model",
-    ".mdl": "a Simulink model",
     ".esdl": "an ASCET model",
     ".fmu": "an FMU",
     ".onnx": "an ONNX network",
@@ -52,17 +51,40 @@ class Function:
 
 
 def read_function(
-    file: ProjectFile, known: Collection[str], surrogates: "Collection[Surrogate]", findings: list[Finding]
+    file: ProjectFile,
+    known: Collection[str],
+    surrogates: "Collection[Surrogate]",
+    findings: list[Finding],
+    initial: ParameterSet | None = None,
 ) -> Function | None:
-    """The model of the project; None, and findings, where it cannot be read. `known` are the parameters' names."""
+    """The model of the project; None, and findings, where it cannot be read.
+
+    `known` are the parameters' names, `initial` gives the variables of a Simulink model their values.
+    """
     if not file.model.file or not _is_readable(file, findings):
         return None
     try:
-        model = _read(file.folder / file.model.file, known, surrogates)
+        drawn = file.model.file.lower().endswith(SIMULINK)
+        model = _drawn(file, initial) if drawn else _read(file.folder / file.model.file, known, surrogates)
     except InputError as error:
         findings += error.findings
         return None
     return Function(_extended(model, file, findings), model.graph.inputs)
+
+
+def _drawn(file: ProjectFile, initial: ParameterSet | None) -> Model:
+    """The model in a Simulink file, its variables with the values of its own files, then those of the project.
+
+    Literals of blocks that the project names, `Torque/Gain1:Gain`, become parameters.
+    """
+    from kennfeld.models.simulink.importing import simulink
+
+    entry = file.model
+    files = [file.folder / name for name in entry.parameters]
+    promoted = [name for name in file.parameters if ":" in name]
+    stated = {name: one.initial for name, one in file.parameters.items() if one.initial is not None and not one.axes}
+    given: list[Any] = [*files, *([] if initial is None else [initial]), stated]
+    return simulink(file.folder / entry.file, entry.subsystem or None, given, dict(entry.bind), promoted)
 
 
 def _read(path: Path, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:
@@ -94,14 +116,14 @@ def _is_readable(file: ProjectFile, findings: list[Finding]) -> bool:
     kind = path.suffix.casefold()
     if kind in _LATER_KINDS:
         what = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
-        findings.append(Finding(place, what, "Formula text (.kf) can be read."))
+        findings.append(Finding(place, what, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
     elif not path.is_file():
         beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
         what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
         findings.append(Finding(place, what, nearest(path.name, beside) or "Check the path."))
-    elif kind != ".kf":
+    elif kind != ".kf" and kind not in SIMULINK:
         what = f"{name} is no kind of model that is known"
-        findings.append(Finding(place, what, "Formula text (.kf) can be read."))
+        findings.append(Finding(place, what, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
     else:
         return True
     return False

@@ -12,6 +12,7 @@ from kennfeld.parameters import Extrapolation
 
 __all__ = [
     "DIRECTIONS",
+    "SIMULINK",
     "AxisEntry",
     "CalibrationEntry",
     "CriterionEntry",
@@ -35,6 +36,7 @@ __all__ = [
 ]
 
 DIRECTIONS = ("x", "y", "z", "w")
+SIMULINK = (".slx", ".mdl")
 Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]
@@ -42,10 +44,13 @@ Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """`[model]`."""
+    """`[model]`; what follows the step is for Simulink models."""
 
     file: str
     step: float | None = None
+    subsystem: str = ""
+    parameters: tuple[str, ...] = ()  # files that give values to its variables
+    bind: Mapping[str, str] = field(default_factory=dict)  # block: channel or formula
 
 
 @dataclass(frozen=True)

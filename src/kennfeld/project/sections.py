@@ -9,6 +9,7 @@ from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.project.channel_sections import channel_tables
 from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
+    SIMULINK,
     CalibrationEntry,
     CriterionEntry,
     DatasetEntry,
@@ -79,8 +80,11 @@ def _model(root: Section) -> ModelEntry:
     if not section.has("file"):
         section.report("file", "the key is missing", 'Write file = "....kf", the formula text.')
     step = section.number("step", 0.0, 0.0, above=True) or None
+    drawn = section.text("subsystem"), section.texts("parameters"), section.text_table("bind")
     section.end()
-    return ModelEntry(file, step)
+    if file and any(drawn) and not file.lower().endswith(SIMULINK):
+        section.report("file", f"{file} is no Simulink model, which subsystem, parameters and bind are for")
+    return ModelEntry(file, step, *drawn)
 
 
 def read_datasets(root: Section) -> tuple[DatasetEntry, ...]:
