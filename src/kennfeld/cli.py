@@ -418,13 +418,27 @@ def convert(
         typer.Option("--image", help="The image to write the values into.", show_default=False, metavar="FILE"),
     ] = None,
     a2l: DescriptionFile = None,
+    subsystem: Annotated[
+        str, typer.Option("--subsystem", help="The part of a Simulink model.", show_default=False, metavar="PATH")
+    ] = "",
+    values: Annotated[
+        list[Path] | None,
+        typer.Option("--parameters", help="Files with values of its variables.", show_default=False, metavar="FILE"),
+    ] = None,
 ) -> int:
-    """Turn a calibration file into another format.
+    """Turn a calibration file into another format, or a Simulink model into formula text.
 
     The formats are .dcm, .csv (INCA's CVX), .cdfx, .json, .xlsx (a sheet for each table), .m and
-    .mat (MATLAB), and .msq (into the tune that was read).
+    .mat (MATLAB), and .msq (into the tune that was read). A model (.slx, .mdl) becomes a .kf, with
+    its parameters in a .json of the same name.
     """
     from kennfeld import calfiles
+
+    if source.suffix.lower() in (".slx", ".mdl"):
+        from kennfeld.models.simulink.text import write_formula
+
+        say(*(f"Written to {path}" for path in write_formula(source, target, subsystem, values or ())))
+        return DONE
 
     [parameters], remarks = calfiles.read_several([source], a2l)
     complain(*remarks)
