@@ -17,12 +17,15 @@ from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
 from kennfeld.models.simulink.flatten import Atom, Flat, Source
 from kennfeld.models.simulink.integration import Integrated, advance
+from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, resized
+from kennfeld.models.simulink.stores import Stores
+from kennfeld.models.simulink.tree import split
 
-__all__ = ["Failure", "Weaver"]
+__all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
 _MOST_PASSES = 60
 
@@ -76,6 +79,8 @@ class Weaver:
         self.failures: dict[Atom, Failure] = {}
         self.loops: list[tuple[Atom, ...]] = []
         self.integrated: list[Integrated] = []
+        self.stores = Stores(flat.atoms)
+        self._stored: dict[Atom, Signal] = {}
         self.inputs: dict[str, Atom | None] = {}
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
@@ -100,6 +105,7 @@ class Weaver:
 
     def _all_inputs(self, atom: Atom) -> list[Atom]:
         found = [source.atom for source in atom.inputs if source is not None]
+        found += self.stores.writers.get(atom, ())
         here = atom.control
         return [*found, here] if here is not None else found
 
@@ -131,19 +137,16 @@ class Weaver:
     def _needed(self, atom: Atom) -> list[Atom]:
         site, kind = self.site(atom), self.kind(atom)
         try:
-            wanted = range(len(atom.inputs)) if kind is None or kind.needs is None else kind.needs(site)
+            every = range(len(atom.inputs)) if kind is not None else ()
+            wanted = every if kind is None or kind.needs is None else kind.needs(site)
             sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
         except UnsupportedError as unsupported:
             self._fail(atom, unsupported.what, unsupported.mend)
             return []
         found = [source.atom for source in sources if source is not None]
-        if atom.kind in ("Held", "Control") or self._resets(atom):
+        if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
             found += [atom.control] if atom.control is not None else []
-        return [*found, *self.before(atom)]
-
-    def before(self, atom: Atom) -> list[Atom]:
-        """Further blocks that must come before a block: the writers of the data it reads."""
-        return []
+        return [*found, *(self.stores.before(atom) if atom.store is not None else ())]
 
     # blocks
 
@@ -175,7 +178,8 @@ class Weaver:
         if atom in self.failures:
             return self._unsound(atom)
         if kind is None:
-            self._fail(atom, f"blocks of type {atom.kind} are not supported" if not atom.why else f"it is {atom.why}")
+            self._fail(atom, *unknown(atom))
+            self._pending.append((atom, lambda: None))  # what stands before it is looked at all the same
             return self._unsound(atom)
         if any(not wired.sound for wired in self._arriving(atom)):
             return self._unsound(atom)
@@ -215,10 +219,10 @@ class Weaver:
 
     # parameters
 
-    def promoted(self, name: str, text: str, scope: Scope) -> Nodes:
-        """The nodes of a literal that is a parameter by its block and field."""
-        numbers = self.expressions.numbers(text, scope)
-        return self.declared.array(self.loom, name, Variable(numbers, source="a literal of the block"))
+    def promoted(self, name: str, text: str, scope: Scope, given: Variable | None) -> Nodes:
+        """The nodes of a literal that is a parameter by its block and field; `given` has another value for it."""
+        literal = Variable(self.expressions.numbers(text, scope), source="a literal of the block")
+        return self.declared.array(self.loom, name, given or literal)
 
     # time
 
@@ -326,6 +330,40 @@ class Weaver:
 
         self._pending.append((site.atom, complete))
         return Signal(np.array(states, dtype=np.int64).reshape(init.shape), CONTINUOUS)
+
+    def stored(self, memory: Atom, init: Signal) -> Signal:
+        """What a data store holds at the beginning of the step; its writers are built for the end of it."""
+        if memory not in self._stored:
+            key = (memory, 1)
+            shape = self.guesses.shapes.get(key, init.shape)
+            first = resized(init.nodes, shape) if init.size == 1 else init.nodes
+            states = [self.loom.state() for _ in range(first.size)]
+            begun = Signal(np.array(states, dtype=np.int64).reshape(first.shape))
+            self._stored[memory] = begun
+
+            def complete() -> None:
+                end = self.written(begun, self.stores.writers.get(memory, ()))
+                if end.size != begun.size:
+                    self.guesses.shape(key, end.shape)
+                    end = begun
+                for state, one, node in zip(states, first.ravel(), end.nodes.ravel(), strict=True):
+                    self.loom.close(state, int(one), int(node))
+
+            self._pending.append((memory, complete))
+        return self._stored[memory]
+
+    def written(self, content: Signal, writers: Iterable[Atom]) -> Signal:
+        """The content of a data store after some of its writers have run."""
+        for writer in writers:
+            given = self.at_major(self.signal(Source(writer, 0)))
+            gate = self.gate(writer, given.period)
+            if gate is None:
+                content = given
+                continue
+            old = resized(content.nodes, given.shape) if content.size == 1 else content.nodes
+            runs = np.array([gate], dtype=np.int64)
+            content = Signal(each(self.loom, "select", runs, given.nodes, old), CONTINUOUS)
+        return content
 
     def is_triggered(self, atom: Atom) -> bool:
         """Whether a block is in a subsystem that runs at triggers."""
@@ -460,6 +498,17 @@ class Weaver:
                 state, int(first.ravel()[at]), int(seen.nodes.ravel()[at]), int(moving[at]), bounds, active
             )
             self.integrated.append(made)
+
+
+def unknown(atom: Atom) -> tuple[str, str]:
+    """Why a block of a type that is not in the registry cannot be built, and what would help."""
+    if atom.why:
+        return f"it is {atom.why}", ""
+    link = atom.block.reference
+    if link is not None and not is_of_simulink(link.source):
+        library = (split(link.source) or ("",))[0]
+        return f"it is a link to {link.source}, which was not found", f"Put {library}.slx beside the model, or bind it."
+    return f"blocks of type {atom.kind} are not supported", ""
 
 
 def resets(control: Atom) -> bool:

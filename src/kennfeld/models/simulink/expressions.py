@@ -164,12 +164,14 @@ class Expressions:
 
         if names:
             raise NoValueError(why)
-        given = evaluated(tree, text, lambda name: self._number(name, scope), why)
+        given = evaluated(tree, lambda name: self._variable_value(name, scope))
+        if isinstance(given, str):
+            raise NoValueError(given)
         if live and any(isinstance(scope.find(name), (Variable, Masked)) for name in given.names):
             self.frozen[text.strip()] = why
         return self.constant(given.value)
 
-    def _number(self, name: str, scope: Scope) -> Value | None:
+    def _variable_value(self, name: str, scope: Scope) -> Value | None:
         found = scope.find(name)
         if found is None:
             return None
@@ -179,6 +181,10 @@ class Expressions:
             return found.text
         held = self.held(found.text, found.outside, False)
         return self.values(held) if isinstance(held, np.ndarray) else held
+
+    def fixed(self, value: Value) -> Nodes:
+        """A value as constants of the graph, Int[rows, columns]; raises `NoValueError` where it is no array."""
+        return _nodes(self.constant(value), "it")
 
     def constant(self, value: Value) -> Held:
         """A value as constants of the graph."""

@@ -4,6 +4,7 @@ Inports, outports, Goto and From blocks and plain subsystems are but wires. A co
 behind: a block `Control` that says when it runs, and a block `Held` for each of its outputs.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -31,7 +32,9 @@ class Atom:
 
     `kind` is its type as the registry of blocks knows it, `path` leads to it from where the import begins. `inputs` are
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
-    around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs.
+    around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
+    blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
+    block reads or writes by its name.
     """
 
     kind: str
@@ -44,6 +47,8 @@ class Atom:
     taken: dict[int, str] = field(default_factory=dict)
     special: dict[str, Block] = field(default_factory=dict)
     why: str = ""
+    places: tuple[tuple[str, int | None], ...] = ()
+    store: "Atom | None" = None
 
     def __repr__(self) -> str:
         return f"<{self.kind} {self.path}>"
@@ -69,6 +74,7 @@ class Level:
         self.control = control
         self.parent: Level | None = None
         self.holder: Block | None = None
+        self.places: tuple[tuple[str, int | None], ...] = ()
         self.below: dict[str, Level] = {}
         self.atoms: dict[str, Atom] = {}
         self.sources: dict[Endpoint, Endpoint] = {}
@@ -131,6 +137,8 @@ class _Flattening:
     ) -> Level:
         made = Level(system, path, scope, control)
         made.parent, made.holder = parent, holder
+        if parent is not None and holder is not None:
+            made.places = (*parent.places, (holder.sid, _priority(holder)))
         self.levels.append(made)
         for block in system.blocks:
             self._place(made, block)
@@ -186,7 +194,7 @@ class _Flattening:
             level.atoms[block.sid] = made
         if len(self.atoms) > _MOST:
             raise OverflowError(f"it has more than {_MOST} blocks, all instances of libraries counted")
-        made.special = {}
+        made.places = (*level.places, (block.sid, _priority(block)))
         return made
 
     def connect(self) -> None:
@@ -198,6 +206,8 @@ class _Flattening:
         for level in self.levels:
             for sid, atom in level.atoms.items():
                 self._inputs(level, sid, atom)
+                if atom.kind in ("DataStoreRead", "DataStoreWrite"):
+                    atom.store = _store(level, atom.block)
             for sid, below in level.below.items():
                 if below.control is not None and below.control.block is below.holder:
                     ends = [Endpoint(sid, port) for port in below.control.special]
@@ -290,6 +300,21 @@ class _Flattening:
             if here in around
             for mark in here.system.of("GotoTagVisibility")
         )
+
+
+def _priority(block: Block) -> int | None:
+    written = (block.parameters.get("Priority") or "").strip()
+    return int(written) if re.fullmatch(r"-?\d{1,9}", written) else None
+
+
+def _store(level: Level, block: Block) -> Atom | None:
+    """The memory of a name that is nearest around a block."""
+    name = (block.value("DataStoreName") or "A").strip()
+    for here in _around(level):
+        for memory in here.system.of("DataStoreMemory"):
+            if (memory.value("DataStoreName") or "A").strip() == name:
+                return here.atoms.get(memory.sid)
+    return None
 
 
 def _around(level: Level) -> Iterator[Level]:

@@ -15,7 +15,7 @@ from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.blocktypes.registry import KINDS
-from kennfeld.models.simulink.build import Guesses, Weaver, settled
+from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -246,8 +246,7 @@ class _Import:
         seen = {one.path for one in unsupported}
         for atom in atoms:
             if atom.kind not in KINDS and atom.path not in seen:
-                why = f"it is {atom.why}" if atom.why else f"blocks of type {atom.kind} are not supported"
-                unsupported.append(Unsupported(atom.path, atom.block.type, why, "", False))
+                unsupported.append(Unsupported(atom.path, atom.block.type, *unknown(atom), False))
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []

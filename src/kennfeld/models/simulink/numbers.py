@@ -1,12 +1,18 @@
-"""Expressions that only numbers can tell, by the evaluator of MATLAB."""
+"""Expressions that only numbers can tell, and scripts: by the evaluator of MATLAB, which executes nothing."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.scopes import Value
+from kennfeld.matlab.errors import MatlabError
+from kennfeld.matlab.evaluation import evaluate, names
+from kennfeld.matlab.objects import LookupTable, parameter_of
+from kennfeld.matlab.values import Cell, Struct
+from kennfeld.models.simulink.scopes import Value, Variable
 
-__all__ = ["Evaluated", "evaluated"]
+__all__ = ["Evaluated", "evaluated", "known", "variable_from"]
 
 
 class Evaluated(NamedTuple):
@@ -16,8 +22,56 @@ class Evaluated(NamedTuple):
     names: tuple[str, ...]
 
 
-def evaluated(tree: m.Expression, text: str, variable: Callable[[str], Value | None], why: str) -> Evaluated:
-    """The value of an expression over the variables that `variable` gives."""
-    from kennfeld.models.simulink.expressions import NoValueError
+def evaluated(tree: m.Expression, variable: Callable[[str], Value | None]) -> Evaluated | str:
+    """The value of an expression over the variables that `variable` gives, or why it has none."""
+    given = {name: value for name in sorted(names(tree)) if (value := variable(name)) is not None}
+    try:
+        found = known(evaluate(tree, given))
+    except MatlabError as error:
+        return error.findings[0].what
+    return Evaluated(found, tuple(given)) if found is not None else "its value is neither numbers nor text"
 
-    raise NoValueError(why)
+
+def known(value: Any) -> Value | None:
+    """A value of MATLAB as blocks use it; None for what they cannot."""
+    found = variable_from(value, "")
+    return found.value if found is not None else None
+
+
+def variable_from(value: Any, source: str) -> Variable | None:
+    """A variable with the limits, unit and description that an object has."""
+    meant = parameter_of(value)
+    if meant is not None:
+        lower, upper = (-np.inf if meant.min is None else meant.min), (np.inf if meant.max is None else meant.max)
+        held: Value = _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
+        return Variable(held, lower, upper, meant.unit, meant.description, source)
+    plain = _plain(value)
+    return Variable(plain, source=source) if plain is not None else None
+
+
+def _table(meant: LookupTable) -> dict[str, Value]:
+    points = {f"Breakpoints{i + 1}": np.asarray(one.value) for i, one in enumerate(meant.breakpoints)}
+    return {"Table": np.asarray(meant.value, dtype=np.float64), **points}
+
+
+def _plain(value: Any) -> Value | None:
+    if isinstance(value, Struct):
+        return _struct(value)
+    if isinstance(value, Cell):
+        parts = [known(part) for part in value.values.ravel(order="F")]
+        return tuple(part for part in parts if part is not None)
+    if not isinstance(value, np.ndarray):
+        return None
+    if value.dtype.kind == "U":
+        return "".join(value.ravel())
+    if value.dtype.kind == "O":
+        return str(value.ravel()[0]) if value.size == 1 else tuple(map(str, value.ravel(order="F")))
+    return np.asarray(value, dtype=np.float64)
+
+
+def _struct(value: Struct) -> Value:
+    elements = [
+        {name: part for name, inner in one.items() if (part := known(inner)) is not None}
+        for one in value.elements.ravel(order="F")
+    ]
+    return elements[0] if len(elements) == 1 else tuple(elements)

@@ -1,21 +1,55 @@
-"""Parameter scripts: followed, never executed."""
+"""Parameter scripts and the code in a model's callbacks: followed, never executed."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.errors import Finding
-from kennfeld.models.simulink.variables import Variables
+from kennfeld.errors import Finding, InputError
+from kennfeld.matlab.scripts import Files, run_script
+from kennfeld.models.simulink.numbers import variable_from
+from kennfeld.models.simulink.scopes import Value, Variable
+from kennfeld.models.simulink.variables import Variables, mat_entries, same
 
 __all__ = ["run", "run_text"]
 
+_NAME = re.compile(r"[\w.-]{1,128}\Z")
+
 
 def run(found: Variables, path: Path) -> None:
-    """Add the variables that a script makes."""
-    found.findings.append(Finding(path.name, "scripts cannot be followed yet", "Give a .mat file with its variables."))
+    """Add the variables that a script makes; raises `InputError` where it cannot be read."""
+    try:
+        text = path.read_bytes().decode("utf-8", "replace")
+    except OSError as error:
+        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
+    run_text(found, text, path.name, path.parent)
 
 
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
-    """Add the variables that a text of MATLAB makes."""
-    if text.strip():
-        found.findings.append(
-            Finding(name, "it is MATLAB code, which cannot be followed yet", "Give a .mat file.", severity="warning")
-        )
+    """Add the variables that a text of MATLAB makes; files that it loads are looked for in `folder` alone."""
+    given = {key: variable.value for key, variable in found.items()}
+    outcome = run_script(text, name, given, _beside(folder))
+    found.findings += [replace(one, severity="warning") for one in outcome.findings]
+    for key, value in outcome.variables.items():
+        made = variable_from(value, name)
+        if made is None:
+            found.findings.append(Finding(f"{name} {key}", "it is of a kind that is not supported", severity="warning"))
+            continue
+        before = found.get(key)
+        if before is None or not same(before.value, made.value):
+            found[key] = _commented(made, outcome.comments.get(key, ""))
+    for key, why in outcome.undefined.items():
+        found.undefined[key] = why
+
+
+def _commented(made: Variable, comment: str) -> Variable:
+    return made if made.description or not comment else replace(made, description=comment)
+
+
+def _beside(folder: Path) -> Files:
+    def content(name: str) -> bytes | dict[str, Value] | None:
+        path = folder / name
+        if not _NAME.match(name) or not path.is_file():
+            return None
+        return mat_entries(path) if path.suffix.casefold() == ".mat" else path.read_bytes()
+
+    return content

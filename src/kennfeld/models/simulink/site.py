@@ -73,8 +73,11 @@ class Site:
     def _array(self, name: str, text: str) -> Nodes:
         field = f"{self.atom.path}:{name}"
         try:
+            given = self.atom.scope.variables.get(field)
             if field in self.weaver.declared.promoted:
-                return self.weaver.promoted(field, text, self.atom.scope)
+                return self.weaver.promoted(field, text, self.atom.scope, given)
+            if given is not None:
+                return self.weaver.expressions.fixed(given.value)
             return self.weaver.expressions.array(text, self.atom.scope)
         except NoValueError as error:
             raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
@@ -82,6 +85,9 @@ class Site:
     def numbers(self, name: str, otherwise: str | None = None) -> Array:
         """A parameter as fixed numbers, Float[rows, columns]."""
         text = self.text(name, otherwise)
+        given = self.atom.scope.variables.get(f"{self.atom.path}:{name}")
+        if given is not None and isinstance(given.value, np.ndarray):
+            return np.atleast_2d(given.value)
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:

@@ -15,7 +15,7 @@ from kennfeld.models.simulink.tree import Document
 from kennfeld.models.simulink.workspace import mat_variables, workspace_variables
 from kennfeld.parameters import Parameter, ParameterSet
 
-__all__ = ["Given", "Variables", "variables_of"]
+__all__ = ["Given", "Variables", "mat_entries", "same", "variables_of"]
 
 Given: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
 
@@ -26,18 +26,20 @@ class Variables(dict[str, Variable]):
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
+        self.undefined: dict[str, str] = {}
 
 
 def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     """The variables that a model's expressions may use.
 
-    Data dictionaries come first, then what is given in its order, then the workspace of the model, which hides them;
+    Data dictionaries come first, then the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides them;
     values of calibration files and parameter sets go over all. Findings tell what could not be read.
     """
     found = Variables()
     for name in document.dictionaries:
         _dictionary(found, document.path.parent / name)
     over: list[ParameterSet] = []
+    _callbacks(found, document)
     for one in given:
         if isinstance(one, ParameterSet):
             over.append(one)
@@ -87,6 +89,17 @@ def _dictionary(found: Variables, path: Path) -> None:
         _add(found, read_dictionary(path).data, path.name)
     except InputError as error:
         found.findings += error.findings
+
+
+_CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
+
+
+def _callbacks(found: Variables, document: Document) -> None:
+    from kennfeld.models.simulink.scripts import run_text
+
+    for name in _CALLBACKS:
+        if name in document.callbacks:
+            run_text(found, document.callbacks[name], f"{document.name} {name}", document.path.parent)
 
 
 def _workspace(found: Variables, document: Document) -> None:
@@ -140,6 +153,25 @@ def _value(stored: Stored) -> Value | None:
             return several[0]
         return tuple(part for part in several if part is not None)
     return plain(stored) if stored is not None else None
+
+
+def mat_entries(path: Path) -> dict[str, Value]:
+    """The values in a `.mat` file by name; raises `InputError` where it cannot be read."""
+    entries = mat_variables(_bytes(path)).entries
+    values = {name: _value(entry) for name, entry in entries.items()}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def same(one: Value, other: Value) -> bool:
+    """Whether two values are equal."""
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        both = isinstance(one, np.ndarray) and isinstance(other, np.ndarray)
+        return both and np.array_equal(np.atleast_2d(one), np.atleast_2d(other), equal_nan=True)
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    return type(one) is type(other) and one == other
 
 
 def _with(known: Variable | None, parameter: Parameter) -> Variable:

@@ -4,16 +4,18 @@ from kennfeld.models.simulink.blocktypes import (
     arithmetic,
     conditional,
     continuous,
+    delays,
     discrete,
     logic,
     nonlinear,
     ports,
     routing,
     sources,
+    stores,
     tables,
 )
 
 __all__ = [
-    "arithmetic", "conditional", "continuous", "discrete", "logic", "nonlinear", "ports", "routing", "sources",
+    "arithmetic", "conditional", "continuous", "delays", "discrete", "logic", "nonlinear", "ports", "routing", "sources", "stores",
     "tables",
 ]  # fmt: skip

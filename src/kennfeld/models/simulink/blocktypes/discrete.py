@@ -272,23 +272,3 @@ def first_order(site: Site) -> Wired:
     before = site.remember(site.parameter("ICPrevOutput"), lambda _: made[0])
     made.append(site.call("add", site.call("mul", pole, site.call("sub", before, u)), u))
     return made[0]
-
-
-@block("TransportDelay", needs=nothing, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
-def transport_delay(site: Site) -> Wired:
-    """The input of some time before, between two steps as a line."""
-    step = site.weaver.clock.step
-    time = site.number("DelayTime")
-    if step is None:
-        raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
-    count = time / step
-    whole = int(np.floor(count + 1e-9))
-    if not 1 <= whole <= 100_000:
-        raise UnsupportedError(f"a delay of {time:g} s is less than a step of {step:g} s, or far too many of them")
-    init = site.parameter("InitialOutput")
-    late = site.remember(init, lambda _: site.input(), whole)
-    share = count - whole
-    if abs(share) < 1e-9:
-        return late
-    later = site.remember(init, lambda _: late)
-    return site.call("add", late, site.call("mul", site.constant(share), site.call("sub", later, late)))

@@ -1,0 +1,91 @@
+"""Delays by a time: constant, or given by an input."""
+
+import numpy as np
+
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.signals import Signal, Wired
+from kennfeld.models.simulink.site import Site
+
+_MOST_MEMORIES = 400  # of a delay that changes; each step of it is a memory of its own
+
+
+@block("TransportDelay", needs=nothing, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
+def transport_delay(site: Site) -> Wired:
+    """The input of some time before, between two steps as a line."""
+    step = site.weaver.clock.step
+    time = site.number("DelayTime")
+    if step is None:
+        raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
+    count = time / step
+    whole = int(np.floor(count + 1e-9))
+    if not 1 <= whole <= 100_000:
+        raise UnsupportedError(f"a delay of {time:g} s is less than a step of {step:g} s, or far too many of them")
+    init = site.parameter("InitialOutput")
+    late = site.remember(init, lambda _: site.input(), whole)
+    share = count - whole
+    if abs(share) < 1e-9:
+        return late
+    later = site.remember(init, lambda _: late)
+    return site.call("add", late, site.call("mul", site.constant(share), site.call("sub", later, late)))
+
+
+def _steps(site: Site) -> int:
+    """How many steps back a delay that changes may reach."""
+    step, longest = site.weaver.clock.step, site.number("MaximumDelay")
+    if step is None:
+        raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
+    count = int(np.ceil(longest / step - 1e-9))
+    if not 1 <= count <= _MOST_MEMORIES:
+        what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, of which at most {_MOST_MEMORIES} can be kept"
+        field = f"{site.atom.path}:MaximumDelay"
+        raise UnsupportedError(what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.')
+    return count
+
+
+@block("VariableTransportDelay", needs=lambda site: (1,), VariableDelayType="Variable transport delay",
+       MaximumDelay="10", InitialOutput="0", PadeOrder="0", ZeroDelay="off")  # fmt: skip
+def variable_delay(site: Site) -> Wired:
+    """The input of a time before that changes, or of when it entered a pipe whose passage takes such a time."""
+    kind = site.chosen("VariableDelayType", "Variable transport delay", "Variable time delay")
+    time = site.discrete(site.input(1))
+    if time.size != 1:
+        raise UnsupportedError("its delay is a vector")
+    count, init = _steps(site), site.parameter("InitialOutput")
+    late = [site.remember(init, lambda _: site.discrete(site.input(0)), at) for at in range(1, count + 1)]
+    return _passed(site, time, late, init) if kind == "Variable transport delay" else _past(site, time, late)
+
+
+def _past(site: Site, time: Signal, late: list[Signal]) -> Signal:
+    """Between the two steps that a time lies between; not below one step, and not beyond the last."""
+    steps = site.call("div", time, Signal(np.array([site.loom.input("dt")], dtype=np.int64)))
+    made = late[-1]
+    for at in range(len(late) - 1, 0, -1):
+        share = site.call("sub", steps, site.constant(float(at)))
+        between = site.call("add", late[at - 1], site.call("mul", share, site.call("sub", late[at], late[at - 1])))
+        made = site.select(site.call("lt", steps, site.constant(float(at + 1))), between, made)
+    return site.select(site.call("lt", steps, site.constant(1.0)), late[0], made)
+
+
+def _passed(site: Site, time: Signal, late: list[Signal], init: Signal) -> Signal:
+    """What entered a pipe one passage ago; the way covered is the integral of 1/time, in pipes."""
+    zero, one = site.constant(0.0), site.constant(1.0)
+    rate = site.call("div", one, time)
+    made: list[Signal] = []
+    before = site.remember(zero, lambda _: made[0])
+    rate_before = site.remember(rate, lambda _: rate)
+    begun = site.remember(zero, lambda _: one)
+    dt = Signal(np.array([site.loom.input("dt")], dtype=np.int64))
+    moved = site.call("mul", site.call("mul", site.constant(0.5), dt), site.call("add", rate, rate_before))
+    made.append(site.select(begun, site.call("add", before, moved), zero))
+    way = [site.remember(zero, lambda _: made[0], at) for at in range(1, len(late) + 1)]
+    entered = site.call("sub", made[0], one)
+    y = late[-1]
+    for at in range(len(late) - 1, -1, -1):
+        found = late[0] if at == 0 else _between(site, entered, (way[at], way[at - 1]), (late[at], late[at - 1]))
+        y = site.select(site.call("ge", entered, way[at]), found, y)
+    return site.select(site.call("lt", entered, zero), init, y)
+
+
+def _between(site: Site, x: Signal, xs: tuple[Signal, Signal], ys: tuple[Signal, Signal]) -> Signal:
+    share = site.call("div", site.call("sub", x, xs[0]), site.call("sub", xs[1], xs[0]))
+    return site.call("add", ys[0], site.call("mul", share, site.call("sub", ys[1], ys[0])))
