@@ -29,6 +29,8 @@ from kennfeld.terminal.simulink import (
     dictionary_json,
     dictionary_summary,
     dictionary_table,
+    import_notes,
+    import_tables,
     model_notes,
     model_summary,
     model_tables,
@@ -304,7 +306,14 @@ def _formula(file: Path, model: Model) -> Contents:
 def _simulink(file: Path) -> Contents:
     found = simulink.outline(file)
     as_json = {"content": "Simulink model", **found.as_dict()}
-    return Contents(model_summary(found), model_tables(found), model_notes(found), _plain(as_json))
+    tables, notes = model_tables(found), model_notes(found)
+    if found.kind == "model":
+        from kennfeld.models.simulink.importing import import_simulink  # all block types
+
+        report = import_simulink(file).report
+        tables, notes = [*tables, *import_tables(report)], [*notes, *import_notes(report)]
+        as_json |= {"import": asdict(report) | {"whole": report.whole}}
+    return Contents(model_summary(found), tables, notes, _plain(as_json))
 
 
 def _dictionary(file: Path) -> Contents:

@@ -5,8 +5,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from kennfeld.models.simulink import Dictionary, Entry, Outline
+from kennfeld.models.simulink.report import ImportReport
 
-__all__ = ["dictionary_json", "dictionary_summary", "dictionary_table", "model_notes", "model_summary", "model_tables"]
+__all__ = [
+    "dictionary_json",
+    "dictionary_summary",
+    "dictionary_table",
+    "import_notes",
+    "import_tables",
+    "model_notes",
+    "model_summary",
+    "model_tables",
+]
 
 Rows = list[Sequence[str]]
 
@@ -50,6 +60,25 @@ def model_tables(found: Outline) -> list[Rows]:
 def model_notes(found: Outline) -> list[str]:
     """What was wrong with files that the model refers to, and what was left aside."""
     return [*map(str, found.problems), *found.remarks]
+
+
+def import_tables(report: ImportReport) -> list[Rows]:
+    """Parameters with the sources of their values, and blocks that cannot be built."""
+    sources: Rows = [("parameter", "value from"), *report.sources.items()]
+    missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
+    missing += [(one.path, one.type, one.why, one.mend, "yes" if one.stops else "no") for one in report.unsupported]
+    return [sources, missing]
+
+
+def import_notes(report: ImportReport) -> list[str]:
+    """How much of the model can be calibrated, and what runs in another way than in Simulink."""
+    whole = "all outputs can be calibrated" if report.whole else "some outputs cannot be calibrated as it is"
+    loops = [f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops]
+    return [
+        f"{report.supported} of {_counted(report.total, 'block')} supported; {whole}",
+        *loops,
+        *report.substitutions,
+    ]
 
 
 def dictionary_summary(found: Dictionary) -> str:

@@ -38,7 +38,9 @@ def _steps(site: Site) -> int:
     if not 1 <= count <= _MOST_MEMORIES:
         what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, of which at most {_MOST_MEMORIES} can be kept"
         field = f"{site.atom.path}:MaximumDelay"
-        raise UnsupportedError(what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.')
+        raise UnsupportedError(
+            what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.'
+        )
     return count
 
 

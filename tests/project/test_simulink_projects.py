@@ -1,0 +1,96 @@
+"""Projects whose function is drawn in Simulink: calibrated, simulated, turned into formula text."""
+
+import json
+
+import numpy as np
+import pytest
+from simulink_files import LAYOUTS, Model
+
+from kennfeld import cli
+from kennfeld.models.formula import read as read_formula
+
+DRAWN = "slx parts"
+
+
+@pytest.fixture
+def drawn(shop):
+    """A project on y = Slope * u + 1.5, with y recorded for Slope = 3."""
+    model = Model("line")
+    model.inport("u")
+    model.block("Gain", "Times", Gain="Slope")
+    model.block("Bias", "Plus", Bias="1.5")
+    model.outport("y")
+    model.chain("u", "Times", "Plus", "y")
+    u = np.linspace(-2, 2, 20)
+    shop.csv("bench.csv", {"u": u, "z": 3 * u + 1.5})
+    shop.model = model
+    shop.toml = (
+        "[model]\nfile = 'line.slx'\n[[dataset]]\nfiles = 'bench.csv'\n[[criterion]]\nnode = 'y'\ntarget = 'z'\n"
+        "[parameters.Slope]\ninitial = 1.0\n"
+    )
+    shop.model.write(shop.folder, DRAWN)
+    return shop
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_drawn_function_is_calibrated(drawn, layout):
+    path = drawn.model.write(drawn.folder, layout)
+    drawn.change("line.slx", path.name)
+    result = drawn.project.calibrate()
+    assert result.parameters["Slope"].value == pytest.approx(3, rel=1e-9)
+
+
+def test_values_come_from_scripts_that_the_project_names(drawn):
+    (drawn.folder / "init.m").write_text("half = 2;\nSlope = half / 4; % to be fitted\n")
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
+    drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
+    problem = drawn.project.problem()
+    assert problem.parameters["Slope"].value == 0.5
+    assert drawn.project.calibrate().parameters["Slope"].value == pytest.approx(3, rel=1e-9)
+
+
+def test_a_literal_that_the_project_names_is_a_parameter(drawn):
+    drawn.add('[parameters."Plus:Bias"]\ninitial = 0.0\n')
+    found = drawn.project.calibrate().parameters
+    assert found["Slope"].value == pytest.approx(3, rel=1e-9)
+    assert found["Plus:Bias"].value == pytest.approx(1.5, rel=1e-9)
+
+
+def test_a_block_is_cut_and_fed_from_a_formula(drawn):
+    drawn.change("[[dataset]]", 'bind = { "Plus" = "3 * u + 1.5" }\n[[dataset]]')
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
+    [data] = drawn.project.simulate()
+    np.testing.assert_allclose(data["y"].values, data["z"].values, rtol=1e-12)
+
+
+def test_a_variable_without_a_value_is_named_with_its_block(drawn):
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
+    [finding] = [str(finding) for finding in drawn.findings() if "Slope" in str(finding)]
+    assert "Times" in finding
+    assert "no value" in finding
+
+
+def test_keys_of_drawn_models_are_refused_for_formula_text(shop):
+    shop.change("[model]", "[model]\nsubsystem = 'A'")
+    assert any("is no Simulink model" in str(finding) for finding in shop.findings())
+
+
+def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
+    (drawn.folder / "init.m").write_text("Slope = 3;")
+    target = drawn.folder / "line.kf"
+    arguments = ["convert", str(drawn.folder / "line.slx"), str(target), "--parameters", str(drawn.folder / "init.m")]
+    assert cli.run(arguments) == 0
+    model = read_formula(target)
+    assert model.graph.outputs == ("y",)
+    assert json.loads((drawn.folder / "line.json").read_text())["Slope"]["value"] == 3
+    assert cli.run(["convert", str(drawn.folder / "line.slx"), str(target.with_suffix(".dcm"))]) == 2
+    assert "formula text" in capsys.readouterr().err
+
+
+def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):
+    assert cli.run(["info", str(drawn.folder / "line.slx")]) == 0
+    out = capsys.readouterr().out
+    assert "3 of 4 blocks supported; some outputs cannot be calibrated" in out
+    assert "Slope is defined nowhere" in out
+    assert cli.run(["info", "--json", str(drawn.folder / "line.slx")]) == 0
+    assert json.loads(capsys.readouterr().out)["import"]["whole"] is False
