@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from flash_files import A2L, hex_of
+from simulink_files import Model
 
 from kennfeld import Project, cli, formula
 from kennfeld.project.demo import write
@@ -42,6 +43,7 @@ def workplace(tmp_path, monkeypatch):
         else:
             write("torque", folder)
             add_image(folder)
+            add_model(folder)
         monkeypatch.chdir(folder)
         return folder
 
@@ -53,6 +55,25 @@ def add_image(folder):
     (folder / "ecu.a2l").write_text(A2L)
     (folder / "ecu.hex").write_text(hex_of(100, 200, 300, 50))
     (folder / "new.dcm").write_text("FESTWERT offset\n WERT 7.5\nEND\n")
+
+
+def add_model(folder):
+    """A Simulink model with a subsystem in a subsystem, and a script that gives its variable a value."""
+    model = Model("engine")
+    system = model
+    for name in ("Engine", "Torque"):
+        system.inport("n")
+        system.outport("y")
+        inner = system.subsystem(name)
+        system.chain("n", name, "y")
+        system = inner
+    system.inport("n")
+    system.block("Gain", "Times", Gain="2")
+    system.block("Bias", "Plus", Bias="1")
+    system.outport("y")
+    system.chain("n", "Times", "Plus", "y")
+    model.write(folder, "slx parts")
+    (folder / "init.m").write_text("Slope = 2;\n")
 
 
 def blocks(document, language):

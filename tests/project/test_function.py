@@ -21,13 +21,10 @@ def test_an_algebraic_loop_is_named(shop):
     ("file", "expected"),
     [
         ("sensr.kf", "[model] file: there is no file sensr.kf. Did you mean sensor.kf?"),
-        (
-            "sensor.slx",
-            "sensor.slx is a Simulink model, which is not available in this version. Formula text (.kf) can",
-        ),
+        ("sensor.slx", "there is no file sensor.slx. Did you mean sensor.kf?"),
         ("sensor.onnx", "sensor.onnx is an ONNX network, which is not available in this version"),
         ("sensor.py:f", "sensor.py:f is a Python function, which is not available in this version"),
-        ("bench.csv", "bench.csv is no kind of model that is known. Formula text (.kf) can be read."),
+        ("bench.csv", "bench.csv is no kind of model that is known. Formula text (.kf) and Simulink models"),
         ("lost/sensor.kf", "there is no file lost/sensor.kf. Check the path."),
     ],
 )

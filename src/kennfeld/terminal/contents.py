@@ -310,9 +310,13 @@ def _simulink(file: Path) -> Contents:
     if found.kind == "model":
         from kennfeld.models.simulink.importing import import_simulink  # all block types
 
-        report = import_simulink(file).report
-        tables, notes = [*tables, *import_tables(report)], [*notes, *import_notes(report)]
-        as_json |= {"import": asdict(report) | {"whole": report.whole}}
+        try:
+            report = import_simulink(file).report
+        except InputError as error:  # nothing in it can be a function
+            notes = [*notes, *(str(finding) for finding in error.findings)]
+        else:
+            tables, notes = [*tables, *import_tables(report)], [*notes, *import_notes(report)]
+            as_json |= {"import": asdict(report) | {"whole": report.whole}}
     return Contents(model_summary(found), tables, notes, _plain(as_json))
 
 
