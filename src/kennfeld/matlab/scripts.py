@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.assignment import assign
 from kennfeld.matlab.budget import Budget, LimitError
@@ -416,7 +416,10 @@ class _Runner(Evaluator):
             raise NoValueError(f"{asked} is no data file")
         from kennfeld.matlab.data import variables_of
 
-        return variables_of(content, asked)
+        try:
+            return variables_of(content, asked)
+        except InputError as error:
+            raise NoValueError(f"{asked}: {error.findings[0].what}") from None
 
 
 def _decoded(content: bytes | str) -> str:
