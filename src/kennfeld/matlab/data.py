@@ -54,13 +54,16 @@ def workspace_of(content: bytes, name: str) -> dict[str, Value]:
     return {key: value_of(node) for key, node in nodes.items()}
 
 
-def nodes_of(content: bytes) -> Mapping[str, tree.Node]:
-    """The variables of a data file as a tree, with the properties of objects; `DamageError` where it is damaged."""
+def nodes_of(content: bytes, most_bytes: int = tree.MOST_BYTES) -> Mapping[str, tree.Node]:
+    """The variables of a data file as a tree, with the properties of objects.
+
+    `DamageError` where it is damaged, or takes more than `most_bytes` when it is unpacked.
+    """
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return v73.load(BytesIO(content))
+        return v73.load(BytesIO(content), most_bytes)
     if not content.startswith(b"MATLAB"):
         return v4.load(memoryview(content))
-    loaded = v5.load_all(memoryview(content))
+    loaded = v5.load_all(memoryview(content), most_bytes)
     objects = next((found for node in loaded.further if (found := Objects.of(node)) is not None), None)
     if objects is None:
         return loaded.variables

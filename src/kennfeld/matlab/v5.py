@@ -55,18 +55,18 @@ class Loaded:
     further: list[Node] = field(default_factory=list)
 
 
-def load_all(content: memoryview) -> Loaded:
+def load_all(content: memoryview, most_bytes: int = MOST_BYTES) -> Loaded:
     """All arrays of a file with this content."""
-    return elements_from(content, 128, "<" if bytes(content[126:128]) == b"IM" else ">")
+    return elements_from(content, 128, "<" if bytes(content[126:128]) == b"IM" else ">", most_bytes)
 
 
-def elements_from(content: memoryview, begin: int, order: str) -> Loaded:
+def elements_from(content: memoryview, begin: int, order: str, most_bytes: int = MOST_BYTES) -> Loaded:
     """The arrays that stand from a byte on; `order` is < or >, as the file says."""
     reader, found, total = _Reader(order), Loaded(), 0
-    for kind, element in _unpacked(content, order, begin):
+    for kind, element in _unpacked(content, order, begin, most_bytes):
         total += len(element)
-        if total > MOST_BYTES:
-            raise DamageError(f"its arrays are of more than {MOST_BYTES} bytes")
+        if total > most_bytes:
+            raise DamageError(f"its arrays are of more than {most_bytes} bytes")
         if kind == _MATRIX:
             name, node = reader.array(element, 0)
             if name:
@@ -76,23 +76,25 @@ def elements_from(content: memoryview, begin: int, order: str) -> Loaded:
     return found
 
 
-def _unpacked(content: memoryview, order: str, at: int) -> Iterator[tuple[int, memoryview]]:
+def _unpacked(content: memoryview, order: str, at: int, most_bytes: int) -> Iterator[tuple[int, memoryview]]:
     """Type and content of each element of the file."""
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         if at + 8 + length > len(content):
             raise DamageError(f"the element at byte {at} claims {length} bytes")
         element = content[at + 8 : at + 8 + length]
-        yield _inflated(element, at, order) if kind == _COMPRESSED else (kind, element)
+        yield _inflated(element, at, order, most_bytes) if kind == _COMPRESSED else (kind, element)
         at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
+    if any(content[at:]):
+        raise DamageError(f"the {len(content) - at} bytes at its end belong to no array")
 
 
-def _inflated(packed: memoryview, at: int, order: str) -> tuple[int, memoryview]:
+def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple[int, memoryview]:
     unpacker = zlib.decompressobj()
     try:
         head = unpacker.decompress(packed, 8)
         kind, claimed = struct.unpack(f"{order}II", head)
-        if claimed > min(PACKING * (len(packed) + 8), MOST_BYTES):
+        if claimed > min(PACKING * (len(packed) + 8), most_bytes):
             raise DamageError(f"the element at byte {at} claims {claimed} bytes of {len(packed)} packed ones")
         found = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
         unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
@@ -126,9 +128,9 @@ class _Reader:
         if kind == _OPAQUE:
             return self._opaque(list(parts), depth)
         _, sizes = self._next(parts, "dimensions")
-        shape = tuple(
-            max(size, 0) for size in struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
-        )
+        shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
+        if min(shape, default=0) < 0:
+            raise DamageError(f"an array claims {' x '.join(map(str, shape))} values")
         name = _text(*self._next(parts, "name"))
         return name, self._content(kind, said, shape, parts, depth)
 

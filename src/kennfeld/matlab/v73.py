@@ -29,12 +29,12 @@ _DEEPEST = 50
 _NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def load(path: Path | BinaryIO) -> dict[str, Node]:
+def load(path: Path | BinaryIO, most_bytes: int = MOST_BYTES) -> dict[str, Node]:
     """The variables of a file; `DamageError` where it claims what it cannot hold."""
     import h5py
 
     with h5py.File(path, "r") as file:
-        return _Loader().variables(file)
+        return _Loader(most_bytes).variables(file)
 
 
 def is_matlab(path: Path) -> bool:
@@ -56,7 +56,8 @@ def _own(group: Any) -> list[tuple[str, Any]]:
 class _Loader:
     """Counts what it reads."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_bytes: int) -> None:
+        self.most_bytes = most_bytes
         self.nodes = self.bytes = 0
 
     def variables(self, file: Any) -> dict[str, Node]:
@@ -123,7 +124,12 @@ class _Loader:
         """Refuse what the file cannot hold; the library would ask for that memory."""
         self.bytes += dataset.nbytes
         stored = dataset.id.get_storage_size()
-        if self.bytes > MOST_BYTES or dataset.nbytes > PACKING * (stored + 8) or dataset.external or dataset.is_virtual:
+        if (
+            self.bytes > self.most_bytes
+            or dataset.nbytes > PACKING * (stored + 8)
+            or dataset.external
+            or dataset.is_virtual
+        ):
             raise DamageError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
 
 
