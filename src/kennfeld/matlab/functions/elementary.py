@@ -1,0 +1,285 @@
+"""Functions of single numbers, applied to each element."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.matlab.arithmetic import as_class, binary, result_class, unary
+from kennfeld.matlab.functions.registry import REGISTERED, Arguments, Function, function
+from kennfeld.matlab.values import Array, NoValueError, Value, class_of, plain
+
+__all__: list[str] = []
+
+_Real = Callable[[Float], Float]
+
+
+def _fix(values: Float) -> Float:
+    return np.trunc(values)
+
+
+def _rounded(values: Float) -> Float:
+    return np.asarray(np.trunc(values + np.copysign(0.5, values)) if values.size else values)
+
+
+def _exact(turns: Float, name: str) -> Float:
+    """Sine or cosine of degrees, exact at their zeros and extremes."""
+    degrees = np.remainder(turns + (90.0 if name == "cos" else 0.0), 360.0)
+    found = np.sin(np.deg2rad(degrees))
+    known = {0.0: 0.0, 30.0: 0.5, 90.0: 1.0, 150.0: 0.5, 180.0: 0.0, 210.0: -0.5, 270.0: -1.0, 330.0: -0.5}
+    for at, value in known.items():
+        found = np.where(degrees == at, value, found)
+    return np.asarray(found)
+
+
+def _gamma(values: Float) -> Float:
+    return np.vectorize(_gamma_of, otypes=[np.float64])(values) if values.size else values
+
+
+def _gamma_of(value: float) -> float:
+    if value == 0 or (value < 0 and value == math.floor(value)):
+        return math.inf
+    return math.inf if value > 171.7 else math.gamma(value)
+
+
+def _factorial(values: Float) -> Float:
+    if ((values < 0) | (values != np.floor(values))).any():
+        raise NoValueError("factorial is for whole numbers from 0")
+    return np.round(_gamma(values + 1))
+
+
+_KEEPING: dict[str, _Real] = {
+    "abs": np.abs,
+    "sign": np.sign,
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "fix": _fix,
+    "real": lambda values: values,
+    "conj": lambda values: values,
+    "imag": np.zeros_like,
+}
+_FLOATING: dict[str, _Real] = {
+    "exp": np.exp,
+    "expm1": np.expm1,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "atan": np.arctan,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "asinh": np.arcsinh,
+    "deg2rad": np.deg2rad,
+    "rad2deg": np.rad2deg,
+    "sind": lambda values: _exact(values, "sin"),
+    "cosd": lambda values: _exact(values, "cos"),
+    "tand": lambda values: _exact(values, "sin") / _exact(values, "cos"),
+    "atand": lambda values: np.rad2deg(np.arctan(values)),
+    "gamma": _gamma,
+    "factorial": _factorial,
+    "cbrt": np.cbrt,
+    "nextpow2": lambda values: np.where(values == 0, 0.0, np.ceil(np.log2(np.abs(values)))),
+}
+_LIMITED: dict[str, tuple[_Real, Callable[[Float], Bool], str]] = {
+    "sqrt": (np.sqrt, lambda values: values < 0, "the root of a negative number"),
+    "log": (np.log, lambda values: values < 0, "the logarithm of a negative number"),
+    "log2": (np.log2, lambda values: values < 0, "the logarithm of a negative number"),
+    "log10": (np.log10, lambda values: values < 0, "the logarithm of a negative number"),
+    "log1p": (np.log1p, lambda values: values < -1, "the logarithm of a negative number"),
+    "asin": (np.arcsin, lambda values: np.abs(values) > 1, "asin beyond 1"),
+    "acos": (np.arccos, lambda values: np.abs(values) > 1, "acos beyond 1"),
+    "asind": (lambda v: np.rad2deg(np.arcsin(v)), lambda values: np.abs(values) > 1, "asind beyond 1"),
+    "acosd": (lambda v: np.rad2deg(np.arccos(v)), lambda values: np.abs(values) > 1, "acosd beyond 1"),
+    "acosh": (np.arccosh, lambda values: values < 1, "acosh below 1"),
+    "atanh": (np.arctanh, lambda values: np.abs(values) > 1, "atanh beyond 1"),
+}
+_TESTS: dict[str, Callable[[Float], Bool]] = {"isnan": np.isnan, "isinf": np.isinf, "isfinite": np.isfinite}
+
+
+def _register_all() -> None:
+    for name, operation in _KEEPING.items():
+        REGISTERED[name] = Function(_each(operation), 1, 1)
+    for name, operation in _FLOATING.items():
+        REGISTERED[name] = Function(_each(operation, floating=True), 1, 1)
+    for name, (operation, forbidden, said) in _LIMITED.items():
+        REGISTERED[name] = Function(_each(operation, True, forbidden, said), 1, 1)
+    for name, test in _TESTS.items():
+        REGISTERED[name] = Function(_tested(test), 1, 1)
+    for name, operator in _OPERATORS.items():
+        REGISTERED[name] = Function(_operated(operator), 2, 2)
+
+
+def _each(
+    operation: _Real, floating: bool = False, forbidden: Callable[[Float], Bool] | None = None, said: str = ""
+) -> Callable[[Arguments], Value]:
+    def run(given: Arguments) -> Value:
+        values = given.numbers(0)
+        if forbidden is not None and forbidden(values).any():
+            raise NoValueError(f"{said} is complex")
+        name = class_of(given.array(0))
+        with np.errstate(all="ignore"):
+            found = np.asarray(operation(values), dtype=np.float64)
+        return as_class(found, "single" if name == "single" else "double" if floating else result_class(given.array(0)))
+
+    return run
+
+
+def _tested(test: Callable[[Float], Bool]) -> Callable[[Arguments], Value]:
+    return lambda given: test(given.numbers(0))
+
+
+_OPERATORS = {
+    "plus": "+",
+    "minus": "-",
+    "times": ".*",
+    "mtimes": "*",
+    "rdivide": "./",
+    "mrdivide": "/",
+    "ldivide": ".\\",
+    "mldivide": "\\",
+    "power": ".^",
+    "mpower": "^",
+    "eq": "==",
+    "ne": "~=",
+    "lt": "<",
+    "le": "<=",
+    "gt": ">",
+    "ge": ">=",
+    "and": "&",
+    "or": "|",
+}
+
+
+def _operated(operator: str) -> Callable[[Arguments], Value]:
+    return lambda given: binary(operator, given[0], given[1], given.budget)
+
+
+@function("not", 1)
+def _not(given: Arguments) -> Value:
+    return unary("~", given[0])
+
+
+@function("uminus", 1)
+def _uminus(given: Arguments) -> Value:
+    return unary("-", given[0])
+
+
+@function("xor", 2)
+def _xor(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: (one != 0) != (other != 0))
+
+
+@function("round", 1, 2)
+def _round(given: Arguments) -> Value:
+    values, digits = given.numbers(0), given.whole(1, 0)
+    factor = 10.0 ** min(max(digits, -300), 300)
+    found = _rounded(values * factor) / factor if digits else _rounded(values)
+    return as_class(np.where(np.isfinite(values), found, values), result_class(given.array(0)))
+
+
+def _paired(given: Arguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
+    """An operation on two arguments with implicit expansion, in the class that they make together."""
+    shape = binary("+", np.zeros(given.array(0).shape), np.zeros(given.array(1).shape), given.budget).shape
+    most = len(shape)
+    one, other = (values.reshape(values.shape + (1,) * (most - values.ndim)) for values in map(given.numbers, (0, 1)))
+    with np.errstate(all="ignore"):
+        found = operation(one, other)
+    return found if found.dtype == np.bool_ else as_class(found, name or result_class(given.array(0), given.array(1)))
+
+
+@function("mod", 2)
+def _mod(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: np.where(other == 0, one, one - np.floor(one / other) * other))
+
+
+@function("rem", 2)
+def _rem(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: np.where(other == 0, np.nan, np.fmod(one, other)))
+
+
+@function("atan2", 2)
+def _atan2(given: Arguments) -> Value:
+    return _paired(given, np.arctan2)
+
+
+@function("atan2d", 2)
+def _atan2d(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: np.rad2deg(np.arctan2(one, other)))
+
+
+@function("hypot", 2)
+def _hypot(given: Arguments) -> Value:
+    return _paired(given, np.hypot)
+
+
+@function("gcd", 2)
+def _gcd(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: np.gcd(_integers(one), _integers(other)).astype(np.float64))
+
+
+@function("lcm", 2)
+def _lcm(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: np.lcm(_integers(one), _integers(other)).astype(np.float64))
+
+
+@function("idivide", 2)
+def _idivide(given: Arguments) -> Value:
+    return _paired(given, lambda one, other: np.trunc(one / other))
+
+
+def _integers(values: Float) -> Array:
+    if not (np.isfinite(values) & (values == np.floor(values)) & (np.abs(values) < 2.0**53)).all():
+        raise NoValueError("whole numbers are needed")
+    return values.astype(np.int64)
+
+
+def _bits(operation: Callable[[Array, Array], Array]) -> Callable[[Arguments], Value]:
+    def run(given: Arguments) -> Value:
+        if any((given.numbers(at) < 0).any() for at in (0, 1)):
+            raise NoValueError("bits are those of numbers from 0")
+        return _paired(given, lambda one, other: operation(_integers(one), _integers(other)).astype(np.float64))
+
+    return run
+
+
+def _shifted(one: Array, count: Array) -> Array:
+    left, right = np.clip(count, 0, 62), np.clip(-count, 0, 62)
+    return np.asarray((one << left) >> right)
+
+
+for _name, _operation in (("bitand", np.bitwise_and), ("bitor", np.bitwise_or), ("bitxor", np.bitwise_xor)):
+    REGISTERED[_name] = Function(_bits(_operation), 2, 2)
+
+
+@function("bitshift", 2)
+def _bitshift(given: Arguments) -> Value:
+    return _paired(given, lambda one, count: _shifted(_integers(one), _integers(count)).astype(np.float64))
+
+
+@function("bitget", 2)
+def _bitget(given: Arguments) -> Value:
+    return _paired(given, lambda one, at: (_shifted(_integers(one), 1 - _integers(at)) & 1).astype(np.float64))
+
+
+@function("primes", 1)
+def _primes(given: Arguments) -> Value:
+    most = given.number(0)
+    given.budget.make(max(most, 0))
+    sieve = np.ones(max(int(most) + 1, 2), dtype=bool)
+    sieve[:2] = False
+    for at in range(2, int(len(sieve) ** 0.5) + 1):
+        if sieve[at]:
+            sieve[at * at :: at] = False
+    return np.flatnonzero(sieve).astype(np.float64).reshape(1, -1)
+
+
+@function("nchoosek", 2)
+def _nchoosek(given: Arguments) -> Value:
+    total, chosen = given.whole(0), given.whole(1)
+    if not 0 <= chosen <= total <= 1000:
+        raise NoValueError("nchoosek is for whole numbers up to 1000, the second no more than the first")
+    return plain(np.array([[float(math.comb(total, chosen))]]))
+
+
+_register_all()

@@ -1,0 +1,154 @@
+"""The objects of parameter scripts: Simulink.Parameter, Simulink.LookupTable, Simulink.Breakpoint, signals.
+
+In a script they are structs with the name of their class; `parameter_of` says what they mean to a calibration.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.matlab.values import EMPTY, Struct, Value, characters, numbers, object_array, plain, text
+
+__all__ = ["Breakpoint", "LookupTable", "Parameter", "defaults", "is_constructor", "made", "parameter_of"]
+
+_TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
+_CODER = {"StorageClass": "Auto", "Alias": "", "Identifier": "", "CustomStorageClass": "Default"}
+_PLAIN: Mapping[str, Value] = {
+    "Value": EMPTY,
+    "Min": EMPTY,
+    "Max": EMPTY,
+    "Unit": characters(""),
+    "Description": characters(""),
+    "DataType": characters("auto"),
+}
+_KINDS = frozenset(
+    {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType"}
+)
+_PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", "canlib", "lookuptable"})
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A Simulink.Parameter: its value, limits (None where there are none), unit and description."""
+
+    value: Float
+    min: float | None = None
+    max: float | None = None
+    unit: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Breakpoint:
+    """The breakpoints of one dimension, from a Simulink.Breakpoint or a Simulink.LookupTable."""
+
+    value: Float
+    min: float | None = None
+    max: float | None = None
+    unit: str = ""
+    description: str = ""
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LookupTable:
+    """A Simulink.LookupTable: the values of its table, and the breakpoints of each dimension."""
+
+    value: Float
+    breakpoints: Sequence[Breakpoint]
+    min: float | None = None
+    max: float | None = None
+    unit: str = ""
+    description: str = ""
+
+
+def is_constructor(path: str) -> bool:
+    """Whether a dotted name is that of a class known here; companies derive their own from Simulink.Parameter.
+
+    >>> is_constructor("Simulink.Parameter"), is_constructor("table.Value")
+    (True, False)
+    """
+    package, _, kind = path.rpartition(".")
+    return kind in _KINDS and bool(package) and (package in _PACKAGES or kind in ("Parameter", "Signal"))
+
+
+def made(path: str, arguments: Sequence[Value]) -> Struct:
+    """A new object of a class, with the value given to its constructor, if any."""
+    fields = defaults(path)
+    if arguments and "Value" in fields:
+        fields["Value"] = arguments[0]
+    return Struct.of(fields, path)
+
+
+def defaults(kind: str) -> dict[str, Value]:
+    """The properties of a new object of a class."""
+    name = kind.rpartition(".")[2]
+    if kind in (_TABLE, _POINTS):
+        return {**_PLAIN, "FieldName": characters("")}
+    if name == "LookupTable":
+        coder = Struct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
+        return {
+            "Table": Struct.of(defaults(_TABLE), _TABLE),
+            "Breakpoints": Struct(object_array([], (1, 0)), tuple(defaults(_POINTS)), _POINTS),
+            "BreakpointsSpecification": characters("Explicit values"),
+            "CoderInfo": coder,
+        }
+    if name == "Breakpoint":
+        return {"Breakpoints": Struct.of(defaults(_POINTS), _POINTS)}
+    if name in ("Parameter", "Signal"):
+        coder = Struct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
+        fields = dict(_PLAIN) if name == "Parameter" else {k: v for k, v in _PLAIN.items() if k != "Value"}
+        return {**fields, "DocUnits": characters(""), "CoderInfo": coder, "StorageClass": characters("Auto")}
+    return {}
+
+
+def parameter_of(value: Value) -> Parameter | LookupTable | Breakpoint | None:
+    """What an object means; None for what is none of those objects, or has no numbers."""
+    if not isinstance(value, Struct) or not value.kind or value.elements.size != 1:
+        return None
+    fields = value.fields
+    if isinstance(fields.get("Table"), Struct):
+        return _table(fields)
+    points = fields.get("Breakpoints")
+    if isinstance(points, Struct) and points.elements.size == 1:
+        found = _said(points.fields)
+        return None if found is None else Breakpoint(*found, _word(points.fields, "FieldName"))
+    said = _said(fields)
+    return None if said is None else Parameter(*said)
+
+
+def _table(fields: Mapping[str, Value]) -> LookupTable | None:
+    table, points = fields["Table"], fields.get("Breakpoints")
+    assert isinstance(table, Struct)
+    said = _said(table.fields)
+    if said is None or not isinstance(points, Struct):
+        return None
+    axes = [(one, _said(one)) for one in points.elements.ravel(order="F")]
+    if any(axis is None for _, axis in axes):
+        return None
+    named = [Breakpoint(*axis, _word(one, "FieldName")) for one, axis in axes if axis is not None]
+    return LookupTable(said[0], named, *said[1:])
+
+
+def _said(fields: Mapping[str, Value]) -> tuple[Float, float | None, float | None, str, str] | None:
+    """Value, limits, unit and description."""
+    value = fields.get("Value")
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fbiu":
+        return None
+    unit = _word(fields, "Unit") or _word(fields, "DocUnits")
+    limits = [_limit(fields.get(name)) for name in ("Min", "Max")]
+    return numbers(value), limits[0], limits[1], unit, _word(fields, "Description")
+
+
+def _limit(value: Value | None) -> float | None:
+    if not isinstance(value, np.ndarray) or value.size != 1 or value.dtype.kind not in "fbiu":
+        return None
+    found = float(plain(value).flat[0])
+    return found if np.isfinite(found) else None
+
+
+def _word(fields: Mapping[str, Value], name: str) -> str:
+    value = fields.get(name)
+    return text(value) if isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.shape[0] < 2 else ""

@@ -1,0 +1,336 @@
+"""The MATLAB language as a tree of frozen values; where a thing stands in its text is not compared.
+
+`f(x)` is a `Call` whether f is a function or an array: only the variables at hand can tell.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
+
+__all__ = [
+    "AnonymousFunction",
+    "Assign",
+    "Binary",
+    "Branch",
+    "Call",
+    "CellArray",
+    "CellIndex",
+    "Colon",
+    "Command",
+    "Declaration",
+    "DynamicField",
+    "End",
+    "Evaluate",
+    "Expression",
+    "Field",
+    "For",
+    "FunctionDefinition",
+    "FunctionHandle",
+    "If",
+    "Jump",
+    "Matrix",
+    "Name",
+    "Number",
+    "Place",
+    "Range",
+    "Script",
+    "Statement",
+    "Switch",
+    "Text",
+    "Transpose",
+    "Try",
+    "Unary",
+    "While",
+    "children",
+]
+
+
+class Place(NamedTuple):
+    """Where something begins: line and column, both counted from 1."""
+
+    line: int = 1
+    column: int = 1
+
+
+@dataclass(frozen=True)
+class _Node:
+    place: Place = field(default=Place(), compare=False, repr=False, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Number(_Node):
+    """A number as written; `suffix` is i for an imaginary one, u8 to s64 for the class of a binary one."""
+
+    value: float
+    suffix: str = ""
+
+
+@dataclass(frozen=True)
+class Text(_Node):
+    """`'characters'`, or `"a string"` if `is_string`."""
+
+    value: str
+    is_string: bool = False
+
+
+@dataclass(frozen=True)
+class Name(_Node):
+    """A variable, or a function called without arguments."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Colon(_Node):
+    """The bare `:` among the arguments of an index: everything along this dimension."""
+
+
+@dataclass(frozen=True)
+class End(_Node):
+    """`end` within an index."""
+
+
+@dataclass(frozen=True)
+class Field(_Node):
+    """`of.name`."""
+
+    of: "Expression"
+    name: str
+
+
+@dataclass(frozen=True)
+class DynamicField(_Node):
+    """`of.(name)`."""
+
+    of: "Expression"
+    name: "Expression"
+
+
+@dataclass(frozen=True)
+class Call(_Node):
+    """`of(arguments)`: a function called, or an array indexed."""
+
+    of: "Expression"
+    arguments: tuple["Expression", ...]
+
+
+@dataclass(frozen=True)
+class CellIndex(_Node):
+    """`of{arguments}`."""
+
+    of: "Expression"
+    arguments: tuple["Expression", ...]
+
+
+@dataclass(frozen=True)
+class Range(_Node):
+    """`first:last` or `first:step:last`."""
+
+    first: "Expression"
+    step: "Expression | None"
+    last: "Expression"
+
+
+@dataclass(frozen=True)
+class Unary(_Node):
+    """`-x`, `+x` or `~x`."""
+
+    operator: str
+    operand: "Expression"
+
+
+@dataclass(frozen=True)
+class Binary(_Node):
+    """`left operator right`, an operator of arithmetic, of comparison or of logic."""
+
+    operator: str
+    left: "Expression"
+    right: "Expression"
+
+
+@dataclass(frozen=True)
+class Transpose(_Node):
+    """`x'`, or `x.'` unless `conjugate`; the same for real numbers."""
+
+    operand: "Expression"
+    conjugate: bool = True
+
+
+@dataclass(frozen=True)
+class Matrix(_Node):
+    """`[a b; c d]`: the elements of each row."""
+
+    rows: tuple[tuple["Expression", ...], ...]
+
+
+@dataclass(frozen=True)
+class CellArray(_Node):
+    """`{a, b; c, d}`."""
+
+    rows: tuple[tuple["Expression", ...], ...]
+
+
+@dataclass(frozen=True)
+class AnonymousFunction(_Node):
+    """`@(parameters) body`."""
+
+    parameters: tuple[str, ...]
+    body: "Expression"
+
+
+@dataclass(frozen=True)
+class FunctionHandle(_Node):
+    """`@name`."""
+
+    name: str
+
+
+Expression = (
+    Number
+    | Text
+    | Name
+    | Colon
+    | End
+    | Field
+    | DynamicField
+    | Call
+    | CellIndex
+    | Range
+    | Unary
+    | Binary
+    | Transpose
+    | Matrix
+    | CellArray
+    | AnonymousFunction
+    | FunctionHandle
+)
+
+
+@dataclass(frozen=True)
+class Assign(_Node):
+    """`target = value` or `[a, ~, b] = value`; None is `~`. `comment` is what stands behind it on its last line."""
+
+    targets: tuple[Expression | None, ...]
+    value: Expression
+    comment: str = field(default="", compare=False, repr=False)
+
+
+@dataclass(frozen=True)
+class Evaluate(_Node):
+    """An expression alone: a function called for what it does."""
+
+    expression: Expression
+
+
+@dataclass(frozen=True)
+class Command(_Node):
+    """`name word word`, such as `close all`: a function called with texts."""
+
+    name: str
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Branch(_Node):
+    """A condition, or the value of a case, with what it decides."""
+
+    condition: Expression
+    body: tuple["Statement", ...]
+
+
+@dataclass(frozen=True)
+class If(_Node):
+    """`if`, each `elseif`, and what stands after `else`."""
+
+    branches: tuple[Branch, ...]
+    otherwise: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True)
+class For(_Node):
+    """`for target = values`: the body once for each column."""
+
+    target: Expression
+    values: Expression
+    body: tuple["Statement", ...]
+
+
+@dataclass(frozen=True)
+class While(_Node):
+    """`while condition`."""
+
+    condition: Expression
+    body: tuple["Statement", ...]
+
+
+@dataclass(frozen=True)
+class Switch(_Node):
+    """`switch subject`, its cases, and what stands after `otherwise`."""
+
+    subject: Expression
+    cases: tuple[Branch, ...]
+    otherwise: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True)
+class Try(_Node):
+    """`try`, and `catch` with the name of the exception, if it has one."""
+
+    body: tuple["Statement", ...]
+    name: str = ""
+    handler: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True)
+class Jump(_Node):
+    """`break`, `continue` or `return`."""
+
+    kind: str
+
+
+@dataclass(frozen=True)
+class Declaration(_Node):
+    """`global a b` or `persistent a b`."""
+
+    kind: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FunctionDefinition(_Node):
+    """`function [results] = name(parameters)`; a parameter that is not used is `~`."""
+
+    name: str
+    parameters: tuple[str, ...]
+    results: tuple[str, ...]
+    body: tuple["Statement", ...]
+
+
+Statement = Assign | Evaluate | Command | If | For | While | Switch | Try | Jump | Declaration
+
+
+@dataclass(frozen=True)
+class Script:
+    """The statements of a text and the functions that it defines; a file of functions has no statements."""
+
+    name: str = field(compare=False)
+    statements: tuple[Statement, ...] = ()
+    functions: tuple[FunctionDefinition, ...] = ()
+
+
+def children(node: Expression) -> Iterator[Expression]:
+    """The expressions directly within an expression, from left to right.
+
+    >>> [child.name for child in children(Binary("+", Name("a"), Name("b")))]
+    ['a', 'b']
+    """
+    for one in fields(node):
+        yield from _expressions(getattr(node, one.name))
+
+
+def _expressions(value: object) -> Iterator[Expression]:
+    if isinstance(value, Expression):
+        yield value
+    elif isinstance(value, tuple) and not isinstance(value, Place):
+        for element in value:
+            yield from _expressions(element)
