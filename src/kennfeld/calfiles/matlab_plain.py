@@ -30,7 +30,7 @@ def plain_of(value: m.Value, depth: int = 0) -> Value:
 
 def _array(value: m.Array) -> Value:
     if value.dtype.kind == "U":
-        return "\n".join("".join(line) for line in value.tolist()) if value.ndim == 2 else ""
+        return "\n".join("".join(one or "\0" for one in line) for line in value.tolist()) if value.ndim == 2 else ""
     if value.dtype.kind == "O":
         return str(value.flat[0]) if value.size == 1 else [str(one) for one in value.ravel(order="F")]
     return value.astype(np.float64)
