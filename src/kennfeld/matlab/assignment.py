@@ -26,6 +26,7 @@ from kennfeld.matlab.values import (
 
 __all__ = ["assign"]
 
+_COPY = 3  # elements that the copy of a field or a cell stands for
 _NO_CELLS = Cell(np.empty((0, 0), dtype=object))
 
 
@@ -92,6 +93,7 @@ def _with_field(
         raise NoValueError(f"a {class_of(known)} has no field {name}")
     if known.elements.size != 1:
         raise NoValueError(f"{known.elements.size} structs stand where one is needed")
+    evaluator.budget.make(_COPY * len(known.names))
     inner = _changed(evaluator, known.fields.get(name), rest, value, owned=False)
     return Struct.of({**known.fields, name: inner}, known.kind)
 
@@ -105,6 +107,7 @@ def _with_cell(
         raise NoValueError(f"a {class_of(holder)} has no cells")
     if rest:
         value = _changed(evaluator, _element(evaluator, holder, indices), rest, value, owned=False)
+    evaluator.budget.make(_COPY * holder.values.size)
     return Cell(_put(evaluator, holder.values, indices, object_array([value], (1, 1)), EMPTY))
 
 

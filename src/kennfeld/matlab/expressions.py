@@ -37,6 +37,7 @@ _LEVELS = (("||",), ("&&",), ("|",), ("&",), ("==", "~=", "!=", "<", "<=", ">", 
 _SUMS = (("+", "-"), ("*", "/", "\\", ".*", "./", ".\\"))
 _SIGNS = ("+", "-", "~", "!")
 _POWERS = ("^", ".^")
+_BASES = ("0x", "0X", "0b", "0B")
 _OPENS_OPERAND = frozenset("([{@")
 _OPERANDS = (Kind.NUMBER, Kind.NAME, Kind.TEXT, Kind.STRING)
 
@@ -255,7 +256,7 @@ class Expressions:
 
     def _number(self, token: Token, place: Place) -> Expression:
         text = token.text
-        if text[:2] in ("0x", "0X", "0b", "0B"):
+        if text[:2] in _BASES:
             base = 16 if text[1] in "xX" else 2
             digits, sign, bits = text[2:], "u", ""
             for mark in "us":
@@ -281,6 +282,8 @@ class Expressions:
                 row = []
             elif self.token.kind == Kind.COMMENT:
                 self.at += 1
+            elif (literal := self._literal()) is not None:
+                row.append(literal)
             else:
                 row.append(self.expression())
                 self._separated(closing)
@@ -288,6 +291,21 @@ class Expressions:
         self.indices = indices
         self.spaced = spaced
         return tuple(one for one in (*rows, tuple(row)) if one)
+
+    def _literal(self) -> Expression | None:
+        """A number that is an element by itself, passed with its comma: tables of thousands hold little else."""
+        token, after = self.token, self.tokens[self.at + 1] if self.at + 1 < len(self.tokens) else self.token
+        if token.kind != Kind.NUMBER or not token.text[-1].isdigit() or token.text[:2] in _BASES:
+            return None
+        is_comma = after.kind == Kind.OPERATOR and after.text == ","
+        if not (is_comma or after.kind == Kind.ROW or (after.kind == Kind.NUMBER and after.blank)):
+            return None
+        follows = self.tokens[self.at + 2] if is_comma else after
+        if is_comma and follows.kind == Kind.OPERATOR and follows.text == ",":
+            return None
+        place = self.place()
+        self.at += 1 + is_comma
+        return Number(float(token.text.lower().replace("d", "e")), place=place)
 
     def _separated(self, closing: str) -> None:
         """Pass what parts an element from the next one."""

@@ -84,7 +84,7 @@ def _as_characters(array: Array) -> Array:
     if array.dtype.kind == "U":
         return array
     codes = numbers(array)
-    if not ((codes >= 0) & (codes < 0xD800)).all():
+    if not ((codes >= 0) & (codes < 0x110000)).all():
         raise NoValueError("a number that is no character stands beside a text")
     return np.array([chr(int(code)) for code in codes.ravel(order="F")], dtype="U1").reshape(codes.shape, order="F")
 

@@ -101,8 +101,11 @@ def _rate(stamps: Float) -> float | None:
     return 1.0 / step if step > 0 else None
 
 
-def _time(column: Column) -> TimeDescription:
+def _time(column: Column) -> TimeDescription | None:
+    """The time of a table; None where no sample has any."""
     time = seconds(column)
     time = time[np.isfinite(time)]
+    if not time.size:
+        return None
     step = float(np.median(np.diff(time))) if time.size > 1 else None
     return TimeDescription(column.name, float(time.min()), float(time.max()), step)

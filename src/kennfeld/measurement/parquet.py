@@ -29,6 +29,8 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
             columns = [_column(file, header, i) for i in wanted]
             texts = [_text(file, header, i) for i in asked if i not in wanted]
             count = file.metadata.num_rows
+            if odd := [column.name for column in columns if column.values.size != count]:
+                raise ValueError(f"{odd[0]} does not hold {count} values")
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
         what = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
         raise InputError.of(source.name, what, "Copy or write it anew.") from None

@@ -273,7 +273,7 @@ def _conversion(found: re.Match[str], value: Any) -> str:
     if isinstance(value, str):
         value = value[: int(digits)] if digits and kind == "s" else value
         return f"{value:{'<' if '-' in flags else '>'}{width}}" if width else value
-    if kind == "c" and value == math.floor(value) and 0 <= value < 0xD800:
+    if kind == "c" and value == math.floor(value) and 0 <= value < 0x110000:
         return chr(int(value))
     if math.isnan(value) or math.isinf(value):
         return f"{_short(value, None):{'<' if '-' in flags else '>'}{width or 0}}"
@@ -295,7 +295,7 @@ def _char(given: Arguments) -> Value:
     if _is_text(value):
         return value if class_of(value) == "char" else characters(text(value))
     codes = numbers(value)
-    if not ((codes >= 0) & (codes < 0xD800) & (codes == np.floor(codes))).all():
+    if not ((codes >= 0) & (codes < 0x110000) & (codes == np.floor(codes))).all():
         raise NoValueError("a number is the code of no character")
     made = np.array([chr(int(code)) for code in codes.ravel(order="F")], dtype="U1")
     return made.reshape(codes.shape, order="F")
