@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Builder, Graph
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
@@ -31,6 +31,7 @@ from kennfeld.models.simulink.variables import Given, Variables, variables_of
 
 __all__ = ["Imported", "import_simulink", "simulink"]
 
+_STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace"}
 
 
@@ -49,16 +50,18 @@ def simulink(
     bind: Mapping[str, str] | None = None,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
+    step: float | None = None,
 ) -> Model:
     """The model in a Simulink file, or in one of its subsystems.
 
     `parameters` are files (.sldd, .mat, .m, calibration files), parameter sets or mappings that give values to the
     variables of the model; later ones win. `bind` replaces blocks by a channel or a formula over channels, by the path
     of the block, with ":2" for its second output alone. `promote` names fields of blocks whose literals become
-    parameters, "Torque/Gain1:Gain". Libraries are looked for beside the file and in `folders`.
+    parameters, "Torque/Gain1:Gain"; a value given under such a name goes over the literal. Libraries are looked for
+    beside the file and in `folders`. `step` in s takes the place of the model's own step.
     Raises `InputError` with every finding where an output cannot be built.
     """
-    found = import_simulink(path, subsystem, parameters, bind, promote, folders)
+    found = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
     if found.model is None:
         name = Path(path).name
         raise InputError([Finding(f"{name} {one.place}", one.what, one.mend) for one in found.report.findings])
@@ -72,6 +75,7 @@ def import_simulink(
     bind: Mapping[str, str] | None = None,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
+    step: float | None = None,
 ) -> Imported:
     """As `simulink`, with a report of what became of every block, also where the model is not whole."""
     path = Path(path)
@@ -85,7 +89,7 @@ def import_simulink(
     except OverflowError as error:
         raise InputError.of(path.name, str(error)) from None
     remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
-    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks)
+    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks, step)
     return work.imported()
 
 
@@ -131,6 +135,7 @@ class _Import:
         promote: frozenset[str],
         variables: Variables,
         remarks: list[str],
+        step: float | None,
     ) -> None:
         self.path, self.document, self.flat = path, document, flat
         self.cuts, self.promote, self.variables = cuts, promote, variables
@@ -139,6 +144,11 @@ class _Import:
         self.bound = {key: expression(text, f"{path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self.solver, self.clock = self._solver()
+        if step is not None:
+            if not 0 < step < math.inf:
+                raise ArgumentError(f"step={step!r} must be a time in s above 0")
+            self.substitutions.append(f"the step is {step:g} s, as asked for")
+            self.clock.step = step
 
     def _check_cuts(self) -> None:
         paths = {atom.path for atom in self.flat.atoms}
@@ -162,6 +172,8 @@ class _Import:
         if continuous and not fixed:
             instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
             self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
+            if name in _STIFF:
+                self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
         if fixed:
             return solver, Clock(self._fixed_step(periods, continuous), continuous)
         step = common_step(periods)

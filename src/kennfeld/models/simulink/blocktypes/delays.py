@@ -6,7 +6,7 @@ from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-_MOST_MEMORIES = 400  # of a delay that changes; each step of it is a memory of its own
+_MOST_MEMORIES = 1000  # of a delay that changes; each step of it is a memory of its own
 
 
 @block("TransportDelay", needs=nothing, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
