@@ -246,15 +246,26 @@ def test_a_large_model_is_built_quickly_and_a_long_chain_does_not_break_it(tmp_p
     assert run(model, {"u": [1.5]})["y"].tolist() == [1.5]
 
 
-def test_masks_with_code_are_followed(tmp_path):
+@pytest.mark.parametrize(
+    ("code", "gain", "exact"),
+    [
+        ("b = 2*a + 1;", 4.0, True),
+        ("a = 2*a; b = a; b = b + 1; disp(b)", 4.0, True),
+        ("if a > 1\n  b = 4;\nelse\n  b = 0;\nend", 4.0, False),
+        ("b = 0;\nfor k = 1:3\n  b = b + k*a;\nend", 9.0, False),
+    ],
+)
+def test_masks_with_code_are_followed(code, gain, exact, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
-    inner = drawn.subsystem("S", mask=Mask({"a": "K"}, initialization="b = 2*a + 1;"))
+    inner = drawn.subsystem("S", mask=Mask({"a": "K"}, initialization=code))
     inner.inport("x")
     inner.block("Gain", "G", Gain="b")
     inner.outport("y")
     inner.chain("x", "G", "y")
     drawn.outport("y")
     drawn.chain("u", "S", "y")
-    model = imported(drawn, tmp_path, parameters=[{"K": 1.5}])
-    assert run(model, {"u": [1.0]})["y"].tolist() == [4.0]
+    found = import_simulink(drawn.write(tmp_path), parameters=[{"K": 1.5}])
+    assert run(found.model, {"u": [1.0]})["y"].tolist() == [gain]
+    assert (list(found.model.graph.parameters) == ["K"]) == exact
+    assert bool(found.report.frozen) != exact

@@ -16,7 +16,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.declared import Declared
-from kennfeld.models.simulink.scopes import Array, Masked, Scope, Value, Variable
+from kennfeld.models.simulink.scopes import Array, Coded, Masked, Scope, Value, Variable
 from kennfeld.models.simulink.signals import Nodes
 
 __all__ = [
@@ -104,6 +104,7 @@ class Expressions:
         self.loom = loom
         self.declared = declared
         self.frozen: dict[str, str] = {}
+        self._codes: dict[tuple[str, int], dict[str, Value]] = {}
         self._known: dict[tuple[str, int, bool], Held] = {}
 
     def array(self, text: str, scope: Scope, live: bool = True, names: Mapping[str, Nodes] | None = None) -> Nodes:
@@ -177,6 +178,8 @@ class Expressions:
             return None
         if isinstance(found, Variable):
             return found.value
+        if isinstance(found, Coded):
+            return self._coded(found)
         if not found.evaluated:
             return found.text
         held = self.held(found.text, found.outside, False)
@@ -198,11 +201,31 @@ class Expressions:
         found = scope.find(name)
         if isinstance(found, Masked):
             return self._masked(found, live)
+        if isinstance(found, Coded):
+            return self.constant(self._coded(found))
         if isinstance(found, Variable):
             return self.variable(name, found, live)
         if name in _CONSTANTS:
             return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
         raise NoValueError(f"{name} is defined nowhere")
+
+    def _coded(self, found: Coded) -> Value:
+        """The value that a mask's code gives a name; the variables in it are fixed."""
+        if (found.code, id(found.outside)) not in self._codes:
+            from kennfeld.models.simulink.numbers import made_by
+
+            self._codes[found.code, id(found.outside)] = made_by(found.code, lambda name: self._known_number(name, found.outside))
+            self.frozen[found.code.strip()[:200]] = "a mask's code computes it"
+        value = self._codes[found.code, id(found.outside)].get(found.name)
+        if value is None:
+            raise NoValueError(f"the mask's code gives {found.name} no value")
+        return value
+
+    def _known_number(self, name: str, scope: Scope) -> Value | None:
+        try:
+            return self._variable_value(name, scope)
+        except NoValueError:
+            return None
 
     def _masked(self, found: Masked, live: bool) -> Held:
         if not found.evaluated:
@@ -305,6 +328,8 @@ class _Walk:
         found: Any = self.scope.find(way[0])
         if isinstance(found, Masked):
             return self._masked_field(found, way[1:])
+        if isinstance(found, Coded):
+            raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
             raise NoValueError(f"{way[0]} is defined nowhere")
         value = part_of(found.value, way)

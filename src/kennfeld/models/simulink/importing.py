@@ -259,12 +259,14 @@ class _Import:
         for atom in atoms:
             if atom.kind not in KINDS and atom.path not in seen:
                 unsupported.append(Unsupported(atom.path, atom.block.type, *unknown(atom), False))
+        order = "reads the data store as the step before left it: no priority puts it behind"
+        undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
-            (*self.substitutions, *note), tuple(self.remarks), dict(weaver.declared.sources),
+            (*self.substitutions, *undecided, *note), tuple(self.remarks), dict(weaver.declared.sources),
             dict(weaver.expressions.frozen), self.solver, self.clock.step,
         )  # fmt: skip
 

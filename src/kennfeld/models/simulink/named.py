@@ -44,7 +44,7 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | 
     found = scope.find(way[0])
     if isinstance(found, Masked):
         return _variable(".".join([found.text.strip(), *way[1:]]), found.outside, deep + 1) if found.evaluated else None
-    if found is None:
+    if not isinstance(found, Variable):
         return None
     value = part_of(found.value, way)
     return ".".join(way), found if len(way) == 1 else Variable(value, source=found.source)
