@@ -504,6 +504,8 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
+    if atom.block.type == "ModelReference":
+        return f"it runs the model {atom.block.model}, which was not found", "Put it beside the model, or bind the block."
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]

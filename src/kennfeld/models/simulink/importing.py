@@ -32,7 +32,7 @@ from kennfeld.models.simulink.variables import Given, Variables, variables_of
 __all__ = ["Imported", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
-_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace"}
+_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,9 @@ def import_simulink(
     variables = variables_of(document, parameters)
     system, scope, prefix = _system(document, subsystem, variables)
     cuts = _cuts(path, bind or {}, prefix)
+    models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
     try:
-        flat = flatten(system, scope, cuts, frozenset(KINDS))
+        flat = flatten(system, scope, cuts, frozenset(KINDS), models)
     except OverflowError as error:
         raise InputError.of(path.name, str(error)) from None
     remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]

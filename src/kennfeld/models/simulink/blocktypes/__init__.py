@@ -4,6 +4,7 @@ from kennfeld.models.simulink.blocktypes import (
     arithmetic,
     conditional,
     continuous,
+    controllers,
     delays,
     discrete,
     logic,
@@ -16,6 +17,6 @@ from kennfeld.models.simulink.blocktypes import (
 )
 
 __all__ = [
-    "arithmetic", "conditional", "continuous", "delays", "discrete", "logic", "nonlinear", "ports", "routing", "sources", "stores",
+    "arithmetic", "conditional", "continuous", "controllers", "delays", "discrete", "logic", "nonlinear", "ports", "routing", "sources", "stores",
     "tables",
 ]  # fmt: skip

@@ -143,9 +143,3 @@ def derivative(site: Site) -> Wired:
     before = site.remember(u, lambda _: u)
     dt = Signal(np.array([site.loom.input("dt")], dtype=np.int64))
     return site.call("div", site.call("sub", u, before), dt)
-
-
-@block("PID 1dof", "PID Controller")
-def pid_unsupported(site: Site) -> Wired:
-    """Not yet: its many forms differ."""
-    raise UnsupportedError("a PID controller block", "Draw it with gains and integrators, or bind its output.")

@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest, leaves
 from kennfeld.models.simulink.site import Site
 
@@ -68,13 +69,8 @@ def _shares(size: int, count: int) -> list[int]:
 @block("BusCreator", Inputs="2")
 def bus_creator(site: Site) -> Wired:
     """A bus of its inputs, called by the names of their lines."""
-    stated = re.findall(r"'([^']*)'", site.text("Inputs"))
-    members: dict[str, Wired] = {}
-    for at in range(site.count):
-        name = site.atom.taken.get(at) or (stated[at] if at < len(stated) else "") or f"signal{at + 1}"
-        name = f"{name}{at + 1}" if name in members else name
-        members[name] = site.wired(at)
-    return Bus(members)
+    names = member_names([site.atom.taken.get(at, "") for at in range(site.count)], site.text("Inputs"))
+    return Bus({name: site.wired(at) for at, name in enumerate(names)})
 
 
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
