@@ -57,7 +57,8 @@ def test_a_slow_block_holds_its_output(tmp_path):
 )
 def test_discrete_integration(method, expected, tmp_path):
     found = first("DiscreteIntegrator", tmp_path, gainval="2", InitialCondition="1", SampleTime="0.1",
-                  IntegratorMethod=f"Integration: {method}", InitialConditionSetting="State (most efficient)")  # fmt: skip
+                  IntegratorMethod=f"Integration: {method}",
+                  InitialConditionSetting="State (most efficient)")  # fmt: skip
     np.testing.assert_allclose(found, expected(), rtol=1e-13, atol=1e-13)
 
 
@@ -271,8 +272,9 @@ def test_slopes_through_a_solver_are_those_of_finite_differences(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("b", "a"), [([1.0], [1.0, 2.0, 1.0]), ([2.0, 1.0], [0.5, 1.0, 4.0]), ([1.0, 0.0, 3.0], [2.0, 1.0, 4.0]), ([3.0], [2.0])]
-)  # fmt: skip
+    ("b", "a"),
+    [([1.0], [1.0, 2.0, 1.0]), ([2.0, 1.0], [0.5, 1.0, 4.0]), ([1.0, 0.0, 3.0], [2.0, 1.0, 4.0]), ([3.0], [2.0])],
+)
 def test_transfer_functions_are_those_of_scipy(b, a, tmp_path):
     drawn = alone("TransferFcn", Numerator=str(b), Denominator=str(a), model=Model(solver="ode5", step="0.02"))
     t = 0.02 * np.arange(200)

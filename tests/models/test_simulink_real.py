@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public mod
 IDLE = {
     "G": 0.02, "k": 1.1, "a": -0.8, "aL": -1.3, "b": 1.3, "bL": 0.7, "ap": -2.0, "bp": 300.0, "n0": 80.0, "phi": 20.0,
 }  # fmt: skip
-FUEL = dict.fromkeys("AF_sensor_tol pump_tol MAF_sensor_tol kappa_tol tau_ww_tol fuel_inj_tol".split(), 1.0)
+FUEL = dict.fromkeys(["AF_sensor_tol", "pump_tol", "MAF_sensor_tol", "kappa_tol", "tau_ww_tol", "fuel_inj_tol"], 1.0)
 FUEL |= {"kp": 0.04, "ki": 0.14, "fault_time": 50.0, "measureTime": 1.0, "simTime": 50.0, "spec_num": 1.0}
 VEHICLE = {
     "air_density": 1.2, "cw_air": 0.3, "frontal_area": 2.2, "mass_total": 1500.0, "gravity_acceleration": 9.81,
@@ -71,12 +71,14 @@ def test_the_vehicle_model_is_the_sum_of_its_resistances():
 
 
 @pytest.mark.parametrize(
-    ("file", "top", "ratio"), [("fuel_control", "Air Fuel Control Model 1", "AF"), ("AbstractFuelControl_M1", "Model 1", "")]
-)  # fmt: skip
+    ("file", "top", "ratio"),
+    [("fuel_control", "Air Fuel Control Model 1", "AF"), ("AbstractFuelControl_M1", "Model 1", "")],
+)
 def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
     field = f"{top}/Cylinder and Exhaust/fuel system transport delay:MaximumDelay"
     found = import_simulink(DATA / f"{file}.slx", parameters=[FUEL | {field: 0.6}])
-    assert found.report.whole and found.report.supported == found.report.total
+    assert found.report.whole
+    assert found.report.supported == found.report.total
     assert found.model.step == 0.005
     assert any("ode15s -> ode4" in one for one in found.report.substitutions)
     samples = 900

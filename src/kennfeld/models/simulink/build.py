@@ -27,6 +27,7 @@ from kennfeld.models.simulink.tree import split
 
 __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
+UNFIT = (ValueError, IndexError, TypeError, ArithmeticError)
 _MOST_PASSES = 60
 
 
@@ -97,7 +98,12 @@ class Weaver:
             atom, complete = self._pending.pop(0)
             for needed in self._all_inputs(atom):
                 self._visit(needed)
-            complete()
+            try:
+                complete()
+            except UnsupportedError as unsupported:
+                self._fail(atom, unsupported.what, unsupported.mend)
+            except UNFIT as error:
+                self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
 
     def finish(self, solver: str) -> None:
         """Advance the continuous states, now that everything they depend on is there."""
@@ -143,6 +149,9 @@ class Weaver:
         except UnsupportedError as unsupported:
             self._fail(atom, unsupported.what, unsupported.mend)
             return []
+        except UNFIT as error:
+            self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
+            return []
         found = [source.atom for source in sources if source is not None]
         if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
             found += [atom.control] if atom.control is not None else []
@@ -187,6 +196,9 @@ class Weaver:
             made = kind.rule(self.site(atom))
         except UnsupportedError as unsupported:
             self._fail(atom, unsupported.what, unsupported.mend)
+            return self._unsound(atom)
+        except UNFIT as error:
+            self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return self._unsound(atom)
         outputs = made if isinstance(made, tuple) else (made,)
         return tuple(self._sampled(atom, wired) for wired in outputs)
@@ -505,7 +517,10 @@ def unknown(atom: Atom) -> tuple[str, str]:
     if atom.why:
         return f"it is {atom.why}", ""
     if atom.block.type == "ModelReference":
-        return f"it runs the model {atom.block.model}, which was not found", "Put it beside the model, or bind the block."
+        return (
+            f"it runs the model {atom.block.model}, which was not found",
+            "Put it beside the model, or bind the block.",
+        )
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]

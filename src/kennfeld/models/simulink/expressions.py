@@ -214,7 +214,9 @@ class Expressions:
         if (found.code, id(found.outside)) not in self._codes:
             from kennfeld.models.simulink.numbers import made_by
 
-            self._codes[found.code, id(found.outside)] = made_by(found.code, lambda name: self._known_number(name, found.outside))
+            self._codes[found.code, id(found.outside)] = made_by(
+                found.code, lambda name: self._known_number(name, found.outside)
+            )
             self.frozen[found.code.strip()[:200]] = "a mask's code computes it"
         value = self._codes[found.code, id(found.outside)].get(found.name)
         if value is None:
@@ -300,16 +302,19 @@ class _Walk:
 
     def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> Nodes:
         made = [[self.nodes(element) for element in row] for row in rows]
-        lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
-        return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
+        try:
+            lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
+            return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
+        except ValueError:
+            raise NoValueError("the rows of a matrix have different lengths") from None
 
     def _range(self, tree: m.Range) -> Nodes:
         """Evenly spaced numbers; rounding does not take the last one away."""
-        ends = [self._number(part) for part in (tree.first, tree.step or m.Number(1.0), tree.last)]
-        first, step, last = ends
-        count = int(math.floor((last - first) / step * (1 + 1e-12) + 1e-10)) + 1 if step else 0
-        if count > _LONGEST:
-            raise NoValueError(f"a range of {count} numbers is too long")
+        first, step, last = (self._number(part) for part in (tree.first, tree.step or m.Number(1.0), tree.last))
+        steps = (last - first) / step if step else -1.0
+        if not abs(steps) < _LONGEST:
+            raise NoValueError(f"a range of {steps:g} steps is too long")
+        count = math.floor(steps * (1 + 1e-12) + 1e-10) + 1
         numbers = first + step * np.arange(max(count, 0))
         return np.array([[self.loom.const(float(n)) for n in numbers]], dtype=np.int64).reshape(1, -1)
 

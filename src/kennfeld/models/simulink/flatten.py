@@ -244,9 +244,7 @@ class _Flattening:
 
     def source(self, level: Level, end: Endpoint) -> Source | None:
         """The block output that feeds an input port, through subsystems and tags."""
-        last = None
-        for last in self._way(level, end):
-            pass
+        last = self._begin(level, end)
         if last is None:
             return None
         here, source = last
@@ -280,9 +278,7 @@ class _Flattening:
 
     def _member(self, level: Level, end: Endpoint, name: str) -> tuple[Level, Endpoint] | None:
         """The input of the bus creator that feeds an end, by the name of its signal."""
-        last = None
-        for last in self._way(level, end):
-            pass
+        last = self._begin(level, end)
         atom = last[0].atoms.get(last[1].block) if last is not None else None
         if last is None or atom is None or atom.kind != "BusCreator":
             return None
@@ -290,6 +286,11 @@ class _Flattening:
         ends = [Endpoint(sid, "in", number) for number in range(1, here.fed.get(sid, 0) + 1)]
         names = member_names([self._label(here, one) for one in ends], atom.block.value("Inputs") or "")
         return (here, ends[names.index(name)]) if name in names else None
+
+    def _begin(self, level: Level, end: Endpoint) -> tuple[Level, Endpoint] | None:
+        """Where the signal at an end is made."""
+        way = list(self._way(level, end))
+        return way[-1] if way else None
 
     def _way(self, level: Level, end: Endpoint) -> Iterator[tuple[Level, Endpoint]]:
         """The ends of lines that a signal passes, from where it is used back to where it is made."""

@@ -257,9 +257,11 @@ class _Import:
             Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True) for f in weaver.failures.values()
         ]
         seen = {one.path for one in unsupported}
-        for atom in atoms:
-            if atom.kind not in KINDS and atom.path not in seen:
-                unsupported.append(Unsupported(atom.path, atom.block.type, *unknown(atom), False))
+        unsupported += [
+            Unsupported(atom.path, atom.block.type, *unknown(atom), False)
+            for atom in atoms
+            if atom.kind not in KINDS and atom.path not in seen
+        ]
         order = "reads the data store as the step before left it: no priority puts it behind"
         undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)

@@ -17,6 +17,17 @@ from kennfeld.models.simulink.blocktypes import (
 )
 
 __all__ = [
-    "arithmetic", "conditional", "continuous", "controllers", "delays", "discrete", "logic", "nonlinear", "ports", "routing", "sources", "stores",
+    "arithmetic",
+    "conditional",
+    "continuous",
+    "controllers",
+    "delays",
+    "discrete",
+    "logic",
+    "nonlinear",
+    "ports",
+    "routing",
+    "sources",
+    "stores",
     "tables",
-]  # fmt: skip
+]

@@ -17,8 +17,9 @@ _PLAIN = {
 @block("PID 1dof", Controller="PID", TimeDomain="Continuous-time", Form="Parallel", P="1", I="1", D="0", N="100",
        UseFilter="on", IntegratorMethod="Forward Euler", FilterMethod="Forward Euler", SampleTime="-1",
        InitialConditionForIntegrator="0", InitialConditionForFilter="0", ExternalReset="none",
-       InitialConditionSource="internal", TrackingMode="off", LinearizeAsGain="on", ControllerParametersSource="internal",
-       LimitOutput="off", LimitIntegratorOutput="off", AntiWindupMode="none", UpperSaturationLimit="inf",
+       InitialConditionSource="internal", TrackingMode="off", LinearizeAsGain="on",
+       ControllerParametersSource="internal", LimitOutput="off", LimitIntegratorOutput="off",
+       AntiWindupMode="none", UpperSaturationLimit="inf",
        LowerSaturationLimit="-inf")  # fmt: skip
 def pid(site: Site) -> Wired:
     """A PID controller of one degree of freedom."""

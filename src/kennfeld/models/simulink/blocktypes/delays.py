@@ -36,9 +36,11 @@ def _steps(site: Site) -> int:
         raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
     count = int(np.ceil(longest / step - 1e-9))
     if not 1 <= count <= _MOST_MEMORIES:
-        what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, of which at most {_MOST_MEMORIES} can be kept"
+        what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, and {_MOST_MEMORIES} is the most"
         field = f"{site.atom.path}:MaximumDelay"
-        raise UnsupportedError(what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.')
+        raise UnsupportedError(
+            what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.'
+        )
     return count
 
 

@@ -50,7 +50,7 @@ def ramp(site: Site) -> Wired:
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
        Phase="0", SampleTime="-1")  # fmt: skip
 def sine(site: Site) -> Wired:
-    """Amplitude sin(frequency t + phase) + bias"""
+    """The wave amplitude sin(frequency t + phase) + bias."""
     site.chosen("SineType", "Time based")
     t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
     angle = site.call("add", site.call("mul", site.parameter("Frequency"), t), site.parameter("Phase"))

@@ -1,6 +1,7 @@
 """Tables: each becomes a curve, map or cube; its breakpoints are shared where several tables name the same ones."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -149,7 +150,7 @@ def _snapped(site: Site, x: Signal, axis: Axis, how: str) -> Signal:
     """The breakpoint that stands for a coordinate: the nearest one, the upper of two equally near, or the one below."""
     points = axis.breakpoints
     made = site.constant(float(points[0]))
-    for low, high in zip(points[:-1], points[1:], strict=True):
+    for low, high in pairwise(points):
         limit = site.constant(float(high if how == "flat" else (low + high) / 2))
         made = site.select(site.call("ge", x, limit), site.constant(float(high)), made)
     return made
@@ -244,7 +245,8 @@ def prelookup(site: Site) -> tuple[Wired, ...]:
 def _points(site: Site) -> Array:
     if site.text("BreakpointsSpecification") == "Even spacing":
         count = site.whole("BreakpointsNumPoints", 2, 100_000)
-        return site.number("BreakpointsFirstPoint") + site.number("BreakpointsSpacing") * np.arange(count)
+        first, spacing = site.number("BreakpointsFirstPoint"), site.number("BreakpointsSpacing")
+        return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
     return site.numbers("BreakpointsData").ravel()
 
 
