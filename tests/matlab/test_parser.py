@@ -115,7 +115,7 @@ def test_an_expression_becomes_this_tree(text, tree):
         "a(@() end)": "line 1 column 7: a value is missing",
         "'a": "line 1 column 1: ' opens a text that is not closed",
         '"a': 'line 1 column 1: " opens a text that is not closed',
-        "a # b": "line 1 column 3: '#' is no part of MATLAB",
+        "a $ b": "line 1 column 3: '$' is no part of MATLAB",
         "1x": "line 1 column 1: '1x' is no number",
         "1.2.3": "line 1 column 4",
         "0x1FFu8": "line 1 column 1: 0x1FFu8 has more than 8 bits",
@@ -204,6 +204,10 @@ def test_functions_of_a_file_need_no_end():
 def test_comments_in_blocks_are_passed_over_and_lines_stay():
     script = parse_script("%{\na = (\n%{\n%}\n%}\nb = 2;")
     assert [assigned.place for assigned in script.statements] == [m.Place(6, 1)]
+
+
+def test_comments_of_octave_are_comments():
+    assert parse_script("a = 1; # one\n#{\nb = (\n#}\n").statements == parse_script("a = 1;").statements
 
 
 def test_the_comment_behind_a_value_is_kept():

@@ -143,6 +143,19 @@ def mxarray(variables, defaults=None, version=4):
     return raw
 
 
+def matfile(variables):
+    """A data file with objects among its variables: the subsystem stands behind them, without a name."""
+    store, parts = Store(), []
+    for name, value in variables.items():
+        if isinstance(value, Thing):
+            reference = np.array([store.reference([value])]).T
+            parts.append(opaque(value.kind, numbers(reference, UINT32, "<u4", 6), name))
+        else:
+            parts.append(store.value(value, name))
+    parts.append(numbers(np.frombuffer(store.written(), np.uint8)[:, None], UINT8, "u1", 2))
+    return b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\0\1IM" + b"".join(parts)
+
+
 def pairs(variables):
     """A model workspace as classic files hold it: structs with a name and a value each."""
     names = b"".join(key.encode().ljust(6, b"\0") for key in ("Name", "Value"))

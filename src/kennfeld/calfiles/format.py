@@ -29,6 +29,7 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+_LINE_OF = re.compile(r" line (\d+)")
 _HEAD = 65536  # bytes that tell text from other content
 _EXCERPT = 120  # characters of a line shown with a finding
 
@@ -47,6 +48,11 @@ class Notes:
     def remark(self, line: int, thing: str, what: str, mend: str = "") -> None:
         """Note what was left aside."""
         self._taken.append((line, Finding(self._place(line, thing), what, mend, severity="warning")))
+
+    def take(self, finding: Finding) -> None:
+        """Note what another room found, in the order of its lines."""
+        line = _LINE_OF.search(finding.place)
+        self._taken.append((int(line[1]) if line else 0, finding))
 
     def _place(self, line: int, thing: str) -> str:
         place = f"{self.file} line {line}" if line else self.file

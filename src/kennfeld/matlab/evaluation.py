@@ -159,10 +159,11 @@ class Evaluator:
 
     def _matrix(self, node: m.Matrix) -> Value:
         rows = node.rows
-        if len({len(row) for row in rows}) == 1 and all(type(one) is m.Number for row in rows for one in row):
-            self.budget.make(len(rows) * len(rows[0]))
-            if not any(one.suffix for row in rows for one in row):  # type: ignore[union-attr]
-                return np.array([[one.value for one in row] for row in rows])  # type: ignore[union-attr]
+        if len({len(row) for row in rows}) == 1:
+            plain = [[_literal(one) for one in row] for row in rows]
+            if all(one is not None for row in plain for one in row):
+                self.budget.make(len(rows) * len(rows[0]))
+                return np.array(plain, dtype=np.float64)
         return joined([self._listed(row) for row in rows], self.budget)
 
     def _listed(self, nodes: Sequence[m.Expression]) -> list[Value]:
@@ -357,6 +358,13 @@ def chain_of(node: m.Expression) -> tuple[m.Expression, list[m.Expression]]:
         steps.append(node)
         node = node.of
     return node, steps[::-1]
+
+
+def _literal(node: m.Expression) -> float | None:
+    """The value of a number as written, with its sign."""
+    if isinstance(node, m.Unary) and node.operator == "-" and isinstance(node.operand, m.Number):
+        return None if node.operand.suffix else -node.operand.value
+    return node.value if isinstance(node, m.Number) and not node.suffix else None
 
 
 def _bound(function: Handle, arguments: Sequence[Value]) -> dict[str, Value]:

@@ -132,6 +132,8 @@ class _Parser(Expressions):
     def _recover(self, depth: int, blocks: int) -> None:
         self.depth, self.blocks, self.indices, self.spaced = depth, blocks, 0, False
         while self.token.kind not in (Kind.STOP, Kind.OVER):
+            if self.token.text.endswith("is never closed"):  # it has taken the rest of the text with it
+                self.findings += self.fail("").findings
             self.at += 1
 
     def _statement(self) -> Statement:

@@ -6,12 +6,12 @@ value from what is not known is undefined from there on, and whatever needs it s
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.assignment import assign
 from kennfeld.matlab.budget import Budget, LimitError
@@ -19,11 +19,13 @@ from kennfeld.matlab.errors import MatlabError, located
 from kennfeld.matlab.evaluation import Evaluator, Given, chain_of
 from kennfeld.matlab.functions.searching import matches
 from kennfeld.matlab.parser import read_script
+from kennfeld.matlab.printing import printed
 from kennfeld.matlab.values import (
     Cell,
     NoValueError,
     Struct,
     Value,
+    burden,
     characters,
     class_of,
     data_of,
@@ -36,6 +38,8 @@ from kennfeld.matlab.values import (
 __all__ = ["Files", "Outcome", "run_script"]
 
 Files = Callable[[str], "bytes | str | Mapping[str, Any] | None"]
+_TAKING_ALL = ("is never closed", "deep")  # findings of what takes the rest of a script with it
+_MOST_WITHIN, _DEEPEST = 1_000_000, 40  # values within a struct or a cell array
 _SILENT = frozenset(
     {"clc", "close", "format", "more", "warning", "tic", "drawnow", "pause", "rng", "hold", "keyboard", "dbstop"}
 )
@@ -50,12 +54,17 @@ _IDLE = frozenset(
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a script leaves: its variables, what there is to say, and the comment behind the last value of each."""
+    """What a script leaves: its variables, and what there is to say.
+
+    `comments` are those behind the last value of a variable, or of a field of it (`Map.x`); `lines` tell where each
+    variable begins, `undefined` why others have no value. A finding is an error where the script ends early.
+    """
 
     variables: dict[str, Value]
     findings: tuple[Finding, ...]
     comments: dict[str, str] = field(default_factory=dict)
     undefined: dict[str, str] = field(default_factory=dict)
+    lines: dict[str, int] = field(default_factory=dict)
 
 
 def run_script(
@@ -85,7 +94,7 @@ def run_script(
         said = str(error) if isinstance(error, LimitError) else "functions and blocks are nested too deep"
         shared.tell(located(name, runner.place), f"{said}; the rest is left aside", "", "error")
     undefined = {key: why for key, why in runner.undefined.items() if key not in runner.variables}
-    return Outcome(runner.variables, tuple(shared.findings.values()), runner.comments, undefined)
+    return Outcome(runner.variables, tuple(shared.findings.values()), runner.comments, undefined, runner.lines)
 
 
 @dataclass
@@ -122,6 +131,7 @@ class _Runner(Evaluator):
         self.shared = shared
         self.local: dict[str, m.FunctionDefinition] = {}
         self.comments: dict[str, str] = {}
+        self.lines: dict[str, int] = {}
         self.globals: set[str] = set()
         self.place = m.Place()
         self.trying = 0
@@ -130,7 +140,9 @@ class _Runner(Evaluator):
         """Run a text in the variables of this runner."""
         tree, findings = read_script(content, self.name)
         for finding in findings:
-            self.shared.findings.setdefault((finding.place, finding.what), finding)
+            is_open = finding.what.endswith(_TAKING_ALL)
+            told = finding if is_open else replace(finding, severity="warning")
+            self.shared.findings.setdefault((finding.place, finding.what), told)
         self.local |= {function.name: function for function in tree.functions}
         try:
             if not tree.statements and tree.functions:
@@ -210,14 +222,18 @@ class _Runner(Evaluator):
             name = assign(self, target, value)
         except NoValueError as error:
             raise MatlabError.at(self.name, target.place, str(error)) from None
+        count, depth = burden(self.variables[name])
+        if count > _MOST_WITHIN or depth > _DEEPEST:
+            self.variables.pop(name)
+            raise LimitError(f"{name} holds more values within others than a script needs")
         self.undefined.pop(name, None)
         if name in self.globals:
             self.shared.globals[name] = self.variables[name]
-        if isinstance(target, m.Name) or (isinstance(target, m.Field) and target.name in ("Value", "value", "values")):
-            if isinstance(statement, m.Assign) and statement.comment:
-                self.comments[name] = statement.comment
-            else:
-                self.comments.pop(name, None)
+        self.lines.setdefault(name, statement.place.line)
+        if isinstance(target, m.Name):
+            self.comments = {key: said for key, said in self.comments.items() if key.partition(".")[0] != name}
+        if isinstance(target, m.Name | m.Field) and isinstance(statement, m.Assign) and statement.comment:
+            self.comments[printed(target)] = statement.comment
 
     def _evaluate(self, statement: m.Evaluate) -> None:
         base, steps = chain_of(statement.expression)
@@ -416,7 +432,10 @@ class _Runner(Evaluator):
             raise NoValueError(f"{asked} is no data file")
         from kennfeld.matlab.data import variables_of
 
-        return variables_of(content, asked)
+        try:
+            return variables_of(content, asked)
+        except InputError as error:
+            raise NoValueError(f"{asked}: {error.findings[0].what}") from None
 
 
 def _decoded(content: bytes | str) -> str:

@@ -1,6 +1,7 @@
 """The words of MATLAB text, by its rules for quotes, comments, continued lines, brackets and commands.
 
-A line break within round brackets ends the statement, as in MATLAB; within others it ends a row.
+A line break within round brackets ends the statement, as in MATLAB; within others it ends a row. `#` begins a comment
+as in Octave, since it has no meaning in MATLAB.
 """
 
 import re
@@ -32,8 +33,8 @@ _COMMAND = re.compile(
 )
 _ARGUMENT = re.compile(r"""'(?:[^'\n]|'')*'|"(?:[^"\n]|"")*"|[^\s;,%'"]+""")
 _ASSIGNS = re.compile(r"[A-Za-z0-9_]+[ \t]*=(?!=)")
-_BLOCK_BEGIN = re.compile(r"[ \t]*%\{[ \t]*")
-_BLOCK_END = re.compile(r"[ \t]*%\}[ \t]*")
+_BLOCK_BEGIN = re.compile(r"[ \t]*[%#]\{[ \t]*")
+_BLOCK_END = re.compile(r"[ \t]*[%#]\}[ \t]*")
 _CLOSED_BY = {"(": ")", "[": "]", "{": "}"}
 _PARAMETERS = ("parameters",)  # no operand ends where those of a function do
 _ENDS_OPERAND = frozenset({")", "]", "}", "'", ".'"})
@@ -89,7 +90,7 @@ def tokens_of(text: str, commands: bool = True) -> list[Token]:
 
 def _without_block_comments(text: str) -> str:
     """The text with the lines of `%{ ... %}` blank, so that places stay."""
-    if "%{" not in text:
+    if "%{" not in text and "#{" not in text:
         return text
     depth, made = 0, []
     for line in text.split("\n"):
@@ -130,7 +131,7 @@ class _Lexer:
         text, start = self.text, self.at
         if start >= len(text):
             return None
-        if text[start] == "%":
+        if text[start] in "%#":
             self.at = self._line_end()
             return text[start : self.at]
         if text.startswith("...", start):

@@ -24,6 +24,7 @@ __all__ = [
     "Opaque",
     "Struct",
     "Value",
+    "burden",
     "characters",
     "class_of",
     "data_of",
@@ -203,6 +204,24 @@ def text(value: Value) -> str:
 
 def _size(array: Array) -> str:
     return " x ".join(map(str, array.shape))
+
+
+def burden(value: Value) -> tuple[int, int]:
+    """How many values stand within a value, shared ones each time, and how deep; known for parts seen before."""
+    if not isinstance(value, Cell | Struct):
+        return 1, 1
+    known: tuple[int, int] | None = value.__dict__.get("_burden")
+    if known is None:
+        inner = [burden(one) for one in _within(value)]
+        known = 1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0)
+        object.__setattr__(value, "_burden", known)
+    return known
+
+
+def _within(value: "Cell | Struct") -> list[Value]:
+    if isinstance(value, Cell):
+        return list(value.values.ravel())
+    return [inner for element in value.elements.ravel() for inner in element.values()]
 
 
 def value_from(given: Any) -> Value:

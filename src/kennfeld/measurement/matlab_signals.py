@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.measurement.matlab_tree import Cells, Node, Numbers, Struct, Structs, Text, Unreadable, text_of
+from kennfeld.matlab.tree import Cells, Node, Numbers, Struct, Structs, Text, Unreadable, text_of
 from kennfeld.measurement.units import plain_unit, time_unit
 
 __all__ = ["Clock", "Found", "Signal", "find_signals"]

@@ -5,11 +5,11 @@ structs a group of datasets with references, a cell array one dataset of them; M
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from kennfeld.measurement.matlab_tree import (
+from kennfeld.matlab.tree import (
     MOST_BYTES,
     MOST_NODES,
     PACKING,
@@ -29,12 +29,12 @@ _DEEPEST = 50
 _NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def load(path: Path) -> dict[str, Node]:
+def load(path: Path | BinaryIO, most_bytes: int = MOST_BYTES) -> dict[str, Node]:
     """The variables of a file; `DamageError` where it claims what it cannot hold."""
     import h5py
 
     with h5py.File(path, "r") as file:
-        return _Loader().variables(file)
+        return _Loader(most_bytes).variables(file)
 
 
 def is_matlab(path: Path) -> bool:
@@ -56,7 +56,8 @@ def _own(group: Any) -> list[tuple[str, Any]]:
 class _Loader:
     """Counts what it reads."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_bytes: int) -> None:
+        self.most_bytes = most_bytes
         self.nodes = self.bytes = 0
 
     def variables(self, file: Any) -> dict[str, Node]:
@@ -106,7 +107,9 @@ class _Loader:
         if dataset.attrs.get("MATLAB_empty", 0):
             return Text("") if kind == "char" else Numbers(np.empty((0, 0)))
         if _refers(dataset):
-            return Cells([self._reference(dataset, target, depth) for target in self._targets(dataset)])
+            return Cells(
+                [self._reference(dataset, target, depth) for target in self._targets(dataset)], dataset.shape[::-1]
+            )
         if dataset.shape is None or dataset.dtype.kind not in "buif":
             return Unreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
         if kind not in (*_NUMBERS, "char", ""):
@@ -115,13 +118,18 @@ class _Loader:
         values = np.asarray(dataset[()]).T
         if kind == "char":
             return Text("".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist())))
-        return Numbers(values, kind not in ("double", "single", ""))
+        return Numbers(values, kind not in ("double", "single", ""), kind)
 
     def _check(self, dataset: Any) -> None:
         """Refuse what the file cannot hold; the library would ask for that memory."""
         self.bytes += dataset.nbytes
         stored = dataset.id.get_storage_size()
-        if self.bytes > MOST_BYTES or dataset.nbytes > PACKING * (stored + 8) or dataset.external or dataset.is_virtual:
+        if (
+            self.bytes > self.most_bytes
+            or dataset.nbytes > PACKING * (stored + 8)
+            or dataset.external
+            or dataset.is_virtual
+        ):
             raise DamageError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
 
 

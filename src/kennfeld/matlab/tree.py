@@ -32,10 +32,14 @@ class DamageError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """An array of real numbers, in MATLAB's shape; `whole` says that it is logical or of integers by its class."""
+    """An array of real numbers, in MATLAB's shape; `whole` says that it is logical or of integers by its class.
+
+    They may be stored in a smaller type than that of their class, which is `kind` where the file says it.
+    """
 
     values: NDArray[Any]
     whole: bool = False
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -47,30 +51,37 @@ class Text:
 
 @dataclass(frozen=True)
 class Struct:
-    """A struct of one element."""
+    """A struct of one element, or an object of the class `kind`."""
 
     fields: Mapping[str, "Node"] = field(default_factory=dict)
+    kind: str = ""
 
 
 @dataclass(frozen=True)
 class Structs:
-    """An array of structs."""
+    """An array of structs, column by column; of unknown shape it is a row."""
 
     elements: Sequence[Struct]
+    shape: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A cell array."""
+    """A cell array, column by column; of unknown shape it is a row."""
 
     cells: Sequence["Node"]
+    shape: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Unreadable:
-    """What only MATLAB can read, by the word for it: `table`, `timeseries`, `sparse matrix`."""
+    """What only MATLAB can read, by the word for it: `table`, `timeseries`, `sparse matrix`.
+
+    Of an object, `reference` tells where its properties are.
+    """
 
     kind: str
+    reference: "Node | None" = None
 
 
 Node: TypeAlias = Numbers | Text | Struct | Structs | Cells | Unreadable

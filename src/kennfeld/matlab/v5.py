@@ -9,12 +9,13 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.measurement.matlab_tree import (
+from kennfeld.matlab.tree import (
     MOST_BYTES,
     MOST_NODES,
     PACKING,
@@ -28,7 +29,7 @@ from kennfeld.measurement.matlab_tree import (
     Unreadable,
 )
 
-__all__ = ["load"]
+__all__ = ["Loaded", "elements_from", "load", "load_all"]
 
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
@@ -36,42 +37,64 @@ _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8
 _ENCODED = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _FLOATING, _LAST_NUMERIC = (6, 7), 15  # the classes double and single; those up to 15 are of integers
 _COMPLEX, _LOGICAL = 0x800, 0x200
+_CLASSES = {6: "double", 7: "single", 8: "int8", 9: "uint8", 10: "int16", 11: "uint16"}
+_CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
 _DEEPEST = 50
 
 
 def load(content: memoryview) -> dict[str, Node]:
     """The variables of a file with this content; `DamageError` where it is none that MATLAB writes."""
-    order = "<" if bytes(content[126:128]) == b"IM" else ">"
-    reader, found, total = _Reader(order), {}, 0
-    for kind, element in _unpacked(content, order):
+    return load_all(content).variables
+
+
+@dataclass
+class Loaded:
+    """The variables of a file, and the arrays without a name behind them, where objects keep their properties."""
+
+    variables: dict[str, Node] = field(default_factory=dict)
+    further: list[Node] = field(default_factory=list)
+
+
+def load_all(content: memoryview, most_bytes: int = MOST_BYTES) -> Loaded:
+    """All arrays of a file with this content."""
+    return elements_from(content, 128, "<" if bytes(content[126:128]) == b"IM" else ">", most_bytes)
+
+
+def elements_from(content: memoryview, begin: int, order: str, most_bytes: int = MOST_BYTES) -> Loaded:
+    """The arrays that stand from a byte on; `order` is < or >, as the file says."""
+    reader, found, total = _Reader(order), Loaded(), 0
+    for kind, element in _unpacked(content, order, begin, most_bytes):
         total += len(element)
-        if total > MOST_BYTES:
-            raise DamageError(f"its arrays are of more than {MOST_BYTES} bytes")
+        if total > most_bytes:
+            raise DamageError(f"its arrays are of more than {most_bytes} bytes")
         if kind == _MATRIX:
             name, node = reader.array(element, 0)
             if name:
-                found[name] = node
+                found.variables[name] = node
+            else:
+                found.further.append(node)
     return found
 
 
-def _unpacked(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+def _unpacked(content: memoryview, order: str, at: int, most_bytes: int) -> Iterator[tuple[int, memoryview]]:
     """Type and content of each element of the file."""
-    at = 128
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         if at + 8 + length > len(content):
             raise DamageError(f"the element at byte {at} claims {length} bytes")
         element = content[at + 8 : at + 8 + length]
-        yield _inflated(element, at, order) if kind == _COMPRESSED else (kind, element)
-        at += 8 + length
+        yield _inflated(element, at, order, most_bytes) if kind == _COMPRESSED else (kind, element)
+        at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
+    if any(content[at:]):
+        raise DamageError(f"the {len(content) - at} bytes at its end belong to no array")
 
 
-def _inflated(packed: memoryview, at: int, order: str) -> tuple[int, memoryview]:
+def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple[int, memoryview]:
     unpacker = zlib.decompressobj()
     try:
         head = unpacker.decompress(packed, 8)
         kind, claimed = struct.unpack(f"{order}II", head)
-        if claimed > min(PACKING * (len(packed) + 8), MOST_BYTES):
+        if claimed > min(PACKING * (len(packed) + 8), most_bytes):
             raise DamageError(f"the element at byte {at} claims {claimed} bytes of {len(packed)} packed ones")
         found = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
         unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
@@ -103,20 +126,28 @@ class _Reader:
         (said,) = struct.unpack(f"{self.order}I", flags[:4].tobytes().ljust(4, b"\0"))
         kind = said & 0xFF
         if kind == _OPAQUE:
-            name, _, class_ = (_text(*self._next(parts, "name")) for _ in range(3))
-            return name, Unreadable(class_ or "object")
+            return self._opaque(list(parts), depth)
         _, sizes = self._next(parts, "dimensions")
-        shape = tuple(
-            max(size, 0) for size in struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
-        )
+        shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
+        if min(shape, default=0) < 0:
+            raise DamageError(f"an array claims {' x '.join(map(str, shape))} values")
         name = _text(*self._next(parts, "name"))
         return name, self._content(kind, said, shape, parts, depth)
+
+    def _opaque(self, parts: list[tuple[int, memoryview]], depth: int) -> tuple[str, Node]:
+        """An object: its name, unless it stands within others, the system of its class, its class, its reference."""
+        texts = [_text(*part) for part in parts if part[0] != _MATRIX]
+        inner = next((content for kind, content in parts if kind == _MATRIX), None)
+        if len(texts) < 2:
+            raise DamageError("an array lacks its class")
+        reference = None if inner is None else self.array(inner, depth + 1)[1]
+        return texts[0] if len(texts) > 2 else "", Unreadable(texts[-1] or "object", reference)
 
     def _content(self, kind: int, flags: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
         if kind in (_STRUCT, _OBJECT):
             return self._structs(kind, shape, parts, depth)
         if kind == _CELL:
-            return Cells([self._inner(parts, depth) for _ in range(self._claimed(shape))])
+            return Cells([self._inner(parts, depth) for _ in range(self._claimed(shape))], shape)
         if kind == _CHARACTERS:
             return Text(_characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else "")
         if kind == _SPARSE:
@@ -126,7 +157,8 @@ class _Reader:
         if not _OBJECT < kind <= _LAST_NUMERIC:
             return Unreadable("function handle" if kind == _FUNCTION else "object")
         values = self._numbers(shape, *self._next(parts, "numbers")) if math.prod(shape) else np.empty(shape)
-        return Numbers(values, kind not in _FLOATING or bool(flags & _LOGICAL))
+        name = "logical" if flags & _LOGICAL else _CLASSES[kind]
+        return Numbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
 
     def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
         if kind == _OBJECT:
@@ -137,7 +169,7 @@ class _Reader:
         fields = [_text(1, names[k : k + each]) for k in range(0, len(names), each)]
         count = self._claimed((*shape, max(len(fields), 1))) // max(len(fields), 1)
         elements = [Struct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
-        return elements[0] if count == 1 else Structs(elements)
+        return elements[0] if count == 1 else Structs(elements, shape)
 
     def _inner(self, parts: Any, depth: int) -> Node:
         kind, content = self._next(parts, "content")

@@ -8,7 +8,7 @@ import struct
 
 import numpy as np
 
-from kennfeld.measurement.matlab_tree import DamageError, Node, Numbers, Text, Unreadable
+from kennfeld.matlab.tree import DamageError, Node, Numbers, Text, Unreadable
 
 __all__ = ["load"]
 

@@ -1,0 +1,123 @@
+"""The variables of data files, of versions 4 to 7.3, and of model workspaces as values of the language."""
+
+import math
+from collections.abc import Mapping
+from io import BytesIO
+
+import numpy as np
+
+from kennfeld.errors import InputError
+from kennfeld.matlab import tree, v4, v5, v73
+from kennfeld.matlab.arithmetic import as_class
+from kennfeld.matlab.mcos import Objects, workspace
+from kennfeld.matlab.values import (
+    INTEGERS,
+    Array,
+    Cell,
+    Opaque,
+    Struct,
+    Value,
+    characters,
+    object_array,
+)
+
+__all__ = ["nodes_of", "value_of", "variables_of", "workspace_of"]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_USER_BLOCK = 512  # bytes before the HDF5 part
+_DEEPEST = 40
+
+
+def variables_of(content: bytes, name: str) -> dict[str, Value]:
+    """The variables of a data file, parameter objects included; `InputError` where it is damaged.
+
+    >>> variables_of(b"", "none.mat")
+    {}
+    """
+    try:
+        nodes = nodes_of(content)
+    except tree.DamageError as error:
+        what = f"the MATLAB file is damaged: {error}"
+    except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
+        what = f"the MATLAB file is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
+    else:
+        return {key: value_of(node) for key, node in nodes.items()}
+    raise InputError.of(name, what, "Save it anew.")
+
+
+def workspace_of(content: bytes, name: str) -> dict[str, Value]:
+    """The variables of a model workspace (`modelWorkspace.mxarray`); `InputError` where it is damaged."""
+    try:
+        nodes = workspace(content)
+    except tree.DamageError as error:
+        raise InputError.of(name, f"the model workspace is damaged: {error}", "Save the model anew.") from None
+    return {key: value_of(node) for key, node in nodes.items()}
+
+
+def nodes_of(content: bytes, most_bytes: int = tree.MOST_BYTES) -> Mapping[str, tree.Node]:
+    """The variables of a data file as a tree, with the properties of objects.
+
+    `DamageError` where it is damaged, or takes more than `most_bytes` when it is unpacked.
+    """
+    if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
+        return v73.load(BytesIO(content), most_bytes)
+    if not content.startswith(b"MATLAB"):
+        return v4.load(memoryview(content))
+    loaded = v5.load_all(memoryview(content), most_bytes)
+    objects = next((found for node in loaded.further if (found := Objects.of(node)) is not None), None)
+    if objects is None:
+        return loaded.variables
+    return {name: objects.resolved(node) for name, node in loaded.variables.items()}
+
+
+def value_of(node: tree.Node, depth: int = 0) -> Value:
+    """A node as a value; what cannot be read stays opaque."""
+    if depth > _DEEPEST:
+        return Opaque("value too deep within others")
+    match node:
+        case tree.Numbers():
+            return _array(node)
+        case tree.Text():
+            return _characters(node.text)
+        case tree.Struct():
+            return Struct.of({name: value_of(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
+        case tree.Structs():
+            return _structs(node, depth)
+        case tree.Cells():
+            values = [value_of(cell, depth + 1) for cell in node.cells]
+            return Cell(object_array(values, _shape(node.shape, len(values))))
+        case _:
+            return Opaque(node.kind)
+
+
+def _array(node: tree.Numbers) -> Array:
+    """Numbers in their class, which may be larger than the type in which they are stored."""
+    values = node.values if node.values.ndim > 1 else node.values.reshape(-1, 1)
+    if node.kind == "logical" or values.dtype == np.bool_:
+        return np.asarray(values != 0)
+    if node.kind in INTEGERS:
+        return values.astype(node.kind)
+    return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
+
+
+def _characters(text: str) -> Array:
+    """The lines of a text are the rows of an array of characters."""
+    lines = text.split("\n")
+    if len(lines) == 1:
+        return characters(text)
+    widest = max(map(len, lines))
+    return np.array([list(line.ljust(widest)) for line in lines], dtype="U1").reshape(len(lines), widest)
+
+
+def _structs(node: tree.Structs, depth: int) -> Value:
+    names = tuple(node.elements[0].fields) if node.elements else ()
+    kind = node.elements[0].kind if node.elements else ""
+    same = [
+        {name: value_of(one.fields[name], depth + 1) for name in names if name in one.fields} for one in node.elements
+    ]
+    whole = [{**dict.fromkeys(names, Opaque("nothing")), **one} for one in same]
+    return Struct(object_array(whole, _shape(node.shape, len(whole))), names, kind)
+
+
+def _shape(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
+    return shape if len(shape) > 1 and math.prod(shape) == count else (1, count)

@@ -1,0 +1,187 @@
+"""Objects of classes in MATLAB files of version 5: their properties, which stand behind the variables.
+
+The layout was worked out by the mat-io project: the subsystem, bytes that are again a file with a header of 8 bytes,
+holds a struct with the object FileWrapper__. That is a cell array: its first cell ties names, classes, objects and
+properties together by numbers, the others hold the values, the last one the defaults of the classes.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from kennfeld.matlab.tree import Cells, DamageError, Node, Numbers, Struct, Structs, Text, Unreadable, text_of
+from kennfeld.matlab.v5 import elements_from
+
+__all__ = ["Objects", "workspace"]
+
+_TAG = 0xDD000000  # the first number of a reference
+_VERSIONS = (2, 3, 4)
+_OFFSETS = 8  # of the tables
+_DEEPEST = 20
+_MOST = 1_000_000  # objects and values; shared ones could multiply without end
+_NAME, _VALUE = 0, 1  # what a property refers to
+_HEADS = {b"\0\1IM": "<", b"\1\0MI": ">"}
+
+
+def workspace(content: bytes) -> Mapping[str, Node]:
+    """The variables of a model workspace, as `modelWorkspace.mxarray` of a Simulink file keeps them.
+
+    Its first array is a struct of the variables, or an array of structs with Name and Value; the subsystem follows.
+    """
+    order = _HEADS.get(content[:4])
+    if order is None:
+        raise DamageError("it does not begin like a workspace")
+    arrays = elements_from(memoryview(content), 8, order).further
+    if not arrays:
+        return {}
+    found = _named(arrays[0])
+    objects = Objects.of(arrays[1]) if len(arrays) > 1 else None
+    return found if objects is None else {name: objects.resolved(node) for name, node in found.items()}
+
+
+def _named(node: Node) -> Mapping[str, Node]:
+    pairs = node.elements if isinstance(node, Structs) else [node] if isinstance(node, Struct) else []
+    if pairs and all(set(pair.fields) == {"Name", "Value"} for pair in pairs):
+        return {text_of(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
+    if not isinstance(node, Struct):
+        raise DamageError("it holds no variables")
+    return node.fields
+
+
+class Objects:
+    """The objects of one file."""
+
+    def __init__(self, cells: Cells) -> None:
+        self.cells = cells.cells
+        self.left = _MOST
+        if len(self.cells) < 3 or not isinstance(table := self.cells[0], Numbers):
+            raise DamageError("the table of its objects is missing")
+        raw = _bytes(table)
+        self.words = np.frombuffer(raw[: len(raw) // 4 * 4], dtype="<u4").astype(np.int64)
+        if self.words.size < 2 + _OFFSETS or int(self.words[0]) not in _VERSIONS:
+            raise DamageError("the table of its objects is of an unknown version")
+        starts = [int(n) for n in self.words[2 : 2 + _OFFSETS]]
+        if any(start > len(raw) for start in starts):
+            raise DamageError("the table of its objects is cut off")
+        self.names = [name.decode("utf-8", "replace") for name in raw[8 + 4 * _OFFSETS : starts[0]].split(b"\0")]
+        self.classes = self._rows(starts[0], starts[1], 4)
+        self.stored = self._blocks(starts[1], starts[2])
+        self.objects = self._rows(starts[2], starts[3], 6)
+        self.plain = self._blocks(starts[3], starts[4])
+
+    @classmethod
+    def of(cls, subsystem: Node) -> "Objects | None":
+        """The objects that a subsystem holds; None where there are none of this kind."""
+        if not isinstance(subsystem, Numbers):
+            return None
+        raw = _bytes(subsystem)
+        order = "<" if raw[2:4] == b"IM" else ">"
+        first = next(iter(elements_from(memoryview(raw), 8, order).further), None)
+        wrapper = first.fields.get("MCOS") if isinstance(first, Struct) else None
+        cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
+        return cls(cells) if isinstance(cells, Cells) else None
+
+    def resolved(self, node: Node, depth: int = 0) -> Node:
+        """A node with the objects in it as structs of their properties; what is none stays unreadable."""
+        self.left -= 1
+        if depth > _DEEPEST or self.left < 0:
+            raise DamageError("its objects hold each other too deeply")
+        if isinstance(node, Unreadable):
+            return self._referred(node, node.reference, depth)
+        if isinstance(node, Numbers) and _is_reference(node):
+            return self._referred(Unreadable("object", node), node, depth)
+        if isinstance(node, Struct):
+            return Struct({name: self.resolved(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
+        if isinstance(node, Structs):
+            elements = [self.resolved(element, depth + 1) for element in node.elements]
+            return Structs([element for element in elements if isinstance(element, Struct)], node.shape)
+        if isinstance(node, Cells):
+            return Cells([self.resolved(cell, depth + 1) for cell in node.cells], node.shape)
+        return node
+
+    def _referred(self, node: Unreadable, reference: Node | None, depth: int) -> Node:
+        """The objects of a reference: tag, number of dimensions, sizes, a number for each object, that of the class."""
+        if not isinstance(reference, Numbers) or not _is_reference(reference):
+            return node
+        numbers = [int(n) for n in reference.values.ravel(order="F")]
+        sizes = numbers[2 : 2 + numbers[1]]
+        given = numbers[2 + len(sizes) : -1]
+        if len(given) != int(np.prod(sizes, dtype=float)) or len(given) > self.left:
+            raise DamageError("the numbers of its objects make no sense")
+        made = [self._object(number, numbers[-1], node, depth) for number in given]
+        if len(made) == 1:
+            return made[0]
+        structs = [one for one in made if isinstance(one, Struct)]
+        return Structs(structs, tuple(sizes)) if len(structs) == len(made) else node
+
+    def _object(self, number: int, of: int, node: Unreadable, depth: int) -> Node:
+        if not 0 < number < len(self.objects):
+            raise DamageError(f"it holds no object {number}")
+        class_, _, _, stored, plain, _ = self.objects[number]
+        kind = class_ or of
+        if not 0 < kind < len(self.classes):
+            return node
+        block = self._block(self.stored, stored) if stored else self._block(self.plain, plain)
+        fields = dict(self._defaults(kind))
+        for name, sort, at in block:
+            if sort == _VALUE:
+                fields[self._name(name)] = self._cell(at)
+            elif sort == _NAME:
+                fields[self._name(name)] = Text(self._name(at))
+        package, own = self.classes[kind][:2]
+        said = ".".join(part for part in (self._name(package), self._name(own)) if part)
+        return Struct({name: self._property(inner, depth) for name, inner in fields.items()}, said)
+
+    def _property(self, node: Node, depth: int) -> Node:
+        """One that cannot be read does not take the others with it."""
+        try:
+            return self.resolved(node, depth + 1)
+        except DamageError as error:
+            return Unreadable(str(error))
+
+    def _cell(self, at: int) -> Node:
+        if not 0 <= at < len(self.cells) - 2:
+            raise DamageError("a property of an object has no value")
+        return self.cells[at + 2]
+
+    def _defaults(self, kind: int) -> Mapping[str, Node]:
+        table = self.cells[-1]
+        given = table.cells[kind] if isinstance(table, Cells) and kind < len(table.cells) else None
+        return given.fields if isinstance(given, Struct) else {}
+
+    def _name(self, index: int) -> str:
+        """A name by its number from 1; empty for 0."""
+        if not 0 <= index <= len(self.names):
+            raise DamageError(f"it holds no name {index}")
+        return self.names[index - 1] if index else ""
+
+    def _rows(self, start: int, stop: int, width: int) -> list[tuple[int, ...]]:
+        words = self.words[start // 4 : max(start, stop) // 4]
+        return [tuple(int(n) for n in words[at : at + width]) for at in range(0, words.size // width * width, width)]
+
+    def _blocks(self, start: int, stop: int) -> list[list[tuple[int, int, int]]]:
+        """Blocks of properties: their count, three numbers for each (name, sort, value), a gap up to 8 bytes."""
+        at, end, blocks = start // 4, max(start, stop) // 4, []
+        while at < end:
+            count = int(self.words[at])
+            if count < 0 or at + 1 + 3 * count > end:
+                raise DamageError("the table of its objects is cut off")
+            rows = self.words[at + 1 : at + 1 + 3 * count].reshape(-1, 3)
+            blocks.append([(int(a), int(b), int(c)) for a, b, c in rows])
+            at += (1 + 3 * count + 1) // 2 * 2
+        return blocks
+
+    @staticmethod
+    def _block(blocks: list[list[tuple[int, int, int]]], number: int) -> list[tuple[int, int, int]]:
+        if not 0 <= number < len(blocks):
+            raise DamageError(f"it holds no properties {number}")
+        return blocks[number]
+
+
+def _bytes(node: Numbers) -> bytes:
+    return node.values.ravel(order="F").astype(np.uint8).tobytes()
+
+
+def _is_reference(node: Numbers) -> bool:
+    values = node.values
+    return values.size >= 5 and values.dtype.kind in "ui" and int(values.flat[0]) & 0xFFFFFFFF == _TAG

@@ -1,0 +1,167 @@
+"""Data files and model workspaces as values, the objects of parameters included."""
+
+import random
+import zipfile
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matlab_files import save73
+from scipy.io import savemat
+from simulink_data import Thing, mxarray, pairs
+
+from kennfeld.errors import InputError
+from kennfeld.matlab.data import nodes_of, variables_of, workspace_of
+from kennfeld.matlab.objects import parameter_of
+from kennfeld.matlab.scripts import run_script
+from kennfeld.matlab.tree import DamageError, Struct, Unreadable
+from kennfeld.matlab.v5 import elements_from
+from kennfeld.matlab.values import Cell, Opaque, class_of, text
+
+PLAIN = {
+    "K": 2.5,
+    "M": np.arange(6.0).reshape(2, 3),
+    "small": np.array([[300, 2]], dtype=np.int16),
+    "on": np.array([[True, False]]),
+    "name": "turbo",
+    "S": {"a": 1.0, "b": {"c": np.array([[1.0, 2.0]])}},
+}
+
+
+def saved(variables, **options):
+    stream = BytesIO()
+    savemat(stream, variables, **options)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("options", [{}, {"do_compression": True}])
+def test_values_of_a_data_file_have_their_class_and_size(options):
+    found = variables_of(saved({**PLAIN, "c": np.array([[1.0, "two"]], dtype=object)}, **options), "a.mat")
+    assert found["K"].tolist() == [[2.5]]
+    assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert (class_of(found["small"]), found["small"].tolist()) == ("int16", [[300, 2]])
+    assert (class_of(found["on"]), found["on"].tolist()) == ("logical", [[True, False]])
+    assert text(found["name"]) == "turbo"
+    assert found["S"].fields["b"].fields["c"].tolist() == [[1, 2]]
+    assert isinstance(found["c"], Cell)
+    assert found["c"].values.shape == (1, 2)
+
+
+def test_old_and_new_versions_are_read_alike(tmp_path):
+    found = variables_of(saved({"K": 2.5, "M": PLAIN["M"]}, format="4"), "a.mat")
+    assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    save73(tmp_path / "a.mat", {"K": 2.5, "M": PLAIN["M"]})
+    found = variables_of((tmp_path / "a.mat").read_bytes(), "a.mat")
+    assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_a_script_loads_a_data_file():
+    files = {"a.mat": saved(PLAIN)}
+    outcome = run_script("load a.mat\nL = M(2, :)*K + double(small(1));", "init.m", files=files.get)
+    assert outcome.findings == ()
+    assert outcome.variables["L"].tolist() == [[307.5, 310, 312.5]]
+
+
+def test_a_damaged_data_file_is_told_where_it_is_loaded():
+    content = saved(PLAIN)
+    outcome = run_script("K = 1;\nload a.mat\nL = 2;", "init.m", files={"a.mat": content[:200]}.get)
+    assert "a.mat: the MATLAB file is damaged" in str(outcome.findings[0])
+    assert outcome.findings[0].place.startswith("init.m line 2")
+    assert set(outcome.variables) == {"K", "L"}
+
+
+def objects():
+    limits = {"Value": np.arange(6.0).reshape(2, 3), "Min": -1.0, "Max": 9.5, "DocUnits": "Nm"}
+    axis = Thing("Simulink.lookuptable.Breakpoint", {"Value": [[700.0, 1500.0]], "Unit": "rpm", "FieldName": "n"})
+    table = Thing("Simulink.lookuptable.Table", {"Value": [[1.0, 2.0]], "Unit": "Nm", "Max": 5.0})
+    return {
+        "K": 2.5,
+        "P": Thing("Simulink.Parameter", limits),
+        "Q": Thing("Simulink.Parameter", {"Value": 4.0, "Description": "a factor"}),
+        "L": Thing("Simulink.LookupTable", {"Table": table, "Breakpoints": [axis, axis]}),
+    }
+
+
+@pytest.mark.parametrize("version", [2, 3, 4])
+def test_objects_of_a_model_workspace_have_values_limits_and_units(version):
+    found = workspace_of(mxarray(objects(), {"Simulink.Parameter": {"Unit": "rad"}}, version), "m.slx")
+    p, q, lookup = (parameter_of(found[name]) for name in "PQL")
+    assert (p.value.tolist(), p.min, p.max) == ([[0, 1, 2], [3, 4, 5]], -1.0, 9.5)
+    assert (q.value.tolist(), q.unit, q.description) == ([[4.0]], "rad", "a factor")
+    assert (lookup.value.tolist(), lookup.max, lookup.unit) == ([[1.0, 2.0]], 5.0, "Nm")
+    assert [(axis.name, axis.unit, axis.value.tolist()) for axis in lookup.breakpoints] == [
+        ("n", "rpm", [[700.0, 1500.0]])
+    ] * 2
+    assert class_of(found["P"]) == "Simulink.Parameter"
+
+
+def test_objects_are_used_like_their_values():
+    found = workspace_of(mxarray(objects()), "m.slx")
+    outcome = run_script("a = P(2, 1)*Q + K; b = P.Max;", variables=found)
+    assert outcome.findings != ()
+    outcome = run_script("a = P.Value(2, 1)*Q + K; b = P.Max;", variables=found)
+    assert (outcome.variables["a"].tolist(), outcome.variables["b"].tolist()) == ([[14.5]], [[9.5]])
+
+
+def test_workspaces_of_older_releases_are_lists_of_names_and_values():
+    found = workspace_of(pairs({"K": 2.5, "name": "turbo"}), "m.mdl")
+    assert found["K"].tolist() == [[2.5]]
+    assert text(found["name"]) == "turbo"
+
+
+def test_objects_without_their_properties_stay_closed():
+    raw = mxarray({"K": 1.0, "P": Thing("Simulink.Parameter", {"Value": 1.0})})
+    found = workspace_of(raw[: 16 + int.from_bytes(raw[12:16], "little")], "m.slx")
+    assert found["K"].tolist() == [[1.0]]
+    assert found["P"] == Opaque("Simulink.Parameter")
+    outcome = run_script("x = P*2;", variables=found)
+    assert "a Simulink.Parameter is no number" in str(outcome.findings[0])
+
+
+def test_bytes_that_are_no_workspace_are_told():
+    with pytest.raises(InputError, match="the model workspace is damaged: it does not begin like a workspace"):
+        workspace_of(b"abc", "m.slx")
+
+
+def test_a_garbled_workspace_gives_values_or_the_error_of_the_house():
+    raw = bytearray(mxarray(objects()))
+    chance = random.Random(3)
+    for _ in range(300):
+        broken = bytearray(raw)
+        for _ in range(chance.randint(1, 6)):
+            broken[chance.randrange(len(broken))] = chance.randrange(256)
+        try:
+            found = workspace_of(bytes(broken[: chance.randint(8, len(broken))]), "m.slx")
+        except InputError:
+            continue
+        assert all(parameter_of(value) is None or value.fields for value in found.values())
+
+
+def test_the_tree_tells_objects_from_structs():
+    content = saved({"K": 1.0})
+    nodes = nodes_of(content + mxarray({"P": Thing("Simulink.Parameter", {"Value": 1.0})})[8:])
+    assert "K" in nodes
+    with pytest.raises(DamageError):
+        nodes_of(content[:150])
+    assert not isinstance(nodes["K"], Struct | Unreadable)
+
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the models are not at {REAL}")
+@pytest.mark.parametrize("name", ["fuel_control.slx", "AbstractFuelControl_M1.slx"])
+def test_arrays_that_simulink_wrote_are_read(name):
+    with zipfile.ZipFile(REAL / name) as archive:
+        parts = [part for part in archive.namelist() if part.endswith(".mxarray")]
+        found = [elements_from(memoryview(archive.read(part)), 8, "<").further for part in parts]
+    assert len(found) == 19
+    assert all(isinstance(arrays[0], Struct) and arrays[0].fields for arrays in found)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the models are not at {REAL}")
+def test_data_that_matlab_wrote_are_values():
+    found = variables_of((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
+    assert found
+    assert all(class_of(value) for value in found.values())
