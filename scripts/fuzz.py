@@ -250,17 +250,18 @@ class Campaign:
     def __init__(self, seed: int, count: int, workers: int, samples: Sequence[Sample]) -> None:
         self.seed, self.samples = seed, samples
         self.outcomes: dict[str, Outcome] = {}
-        self.left = [list(range(first, count, workers)) for first in range(workers)]
+        self.shares = [range(first, count, workers) for first in range(workers)]
+        self.done: set[int] = set()
         self.context = multiprocessing.get_context("spawn")
 
     def run(self) -> Mapping[str, Outcome]:
         """Read all files."""
         told = self.context.Queue()
-        running = [self._started(share, told) for share in self.left]
+        running = [self._started(share, told) for share in self.shares]
         reported = time.monotonic()
         while any(running):
             self._hear(told)
-            running = [self._watched(one, share, told) for one, share in zip(running, self.left, strict=True)]
+            running = [self._watched(one, share, told) for one, share in zip(running, self.shares, strict=True)]
             if time.monotonic() - reported > REPORT:
                 reported = time.monotonic()
                 done = sum(outcome.files for outcome in self.outcomes.values())
@@ -269,21 +270,23 @@ class Campaign:
         self._hear(told)
         return self.outcomes
 
-    def _started(self, share: list[int], told: object) -> "Running | None":
-        if not share:
+    def _started(self, share: range, told: object) -> "Running | None":
+        """A process for what is left of a share; what one that crashed had not told yet is read again."""
+        left = tuple(number for number in share if number not in self.done)
+        if not left:
             return None
-        at = self.context.Value("q", share[0])
-        process = self.context.Process(target=work, args=(self.seed, tuple(share), self.samples, at, told), daemon=True)
+        at = self.context.Value("q", left[0])
+        process = self.context.Process(target=work, args=(self.seed, left, self.samples, at, told), daemon=True)
         process.start()
-        return Running(process, at, share[0], time.monotonic() + STARTING)
+        return Running(process, at, left[0], time.monotonic() + STARTING)
 
-    def _watched(self, one: "Running | None", share: list[int], told: object) -> "Running | None":
+    def _watched(self, one: "Running | None", share: range, told: object) -> "Running | None":
         if one is None:
             return None
         number = one.at.value
         if not one.process.is_alive():
             self._hear(told)
-            if number < 0 or not share:
+            if number < 0:
                 return None
             self._failed(number, f"crash, exit status {one.process.exitcode}")
             return self._started(share, told)
@@ -308,15 +311,15 @@ class Campaign:
                 self._take(*told.get(timeout=0.2))  # type: ignore[attr-defined]
 
     def _take(self, number: int, kind: str, good: bool, spent: float, wrong: str) -> None:
+        if number in self.done:
+            return
+        self.done.add(number)
         outcome = self.outcomes.setdefault(kind, Outcome())
         outcome.files += 1
         outcome.read += good
         outcome.slowest = max(outcome.slowest, spent)
         if wrong:
             outcome.failures.append((number, wrong))
-        for share in self.left:
-            if share and share[0] == number:
-                share.pop(0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

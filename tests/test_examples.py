@@ -15,6 +15,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from flash_files import A2L, hex_of
 
 from kennfeld import Project, cli, formula
 from kennfeld.project.demo import write
@@ -40,10 +41,18 @@ def workplace(tmp_path, monkeypatch):
             shutil.copytree(ROOT / "examples" / "air-flow", folder)
         else:
             write("torque", folder)
+            add_image(folder)
         monkeypatch.chdir(folder)
         return folder
 
     return enter
+
+
+def add_image(folder):
+    """An image with its A2L file, and values for it."""
+    (folder / "ecu.a2l").write_text(A2L)
+    (folder / "ecu.hex").write_text(hex_of(100, 200, 300, 50))
+    (folder / "new.dcm").write_text("FESTWERT offset\n WERT 7.5\nEND\n")
 
 
 def blocks(document, language):

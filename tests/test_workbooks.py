@@ -27,3 +27,10 @@ def test_a_place_that_is_cut_by_the_end_of_a_part_is_seen():
     raw = b'<row r="1"><c r="A1"/>' + b" " * 200 + b'<c s="0" r="B77"/></row>'
     for cut in range(200, len(raw)):
         assert extent_of_text(lambda: iter([raw[:cut], raw[cut - OVERLAP :]]))[1] >= 77  # noqa: B023
+
+
+def test_parts_that_end_within_a_cell_are_read_the_fast_way(monkeypatch):
+    raw = b"".join(b'<row r="%d"><c r="A%d"/><c r="B%d"/></row>' % (i, i, i) for i in range(1, 30))
+    monkeypatch.setattr("kennfeld.workbooks.places._any", lambda chunks: None)
+    for cut in range(OVERLAP, len(raw)):
+        assert extent_of_text(lambda: iter([raw[:cut], raw[cut - OVERLAP :]])) == (26, 29)  # noqa: B023

@@ -15,7 +15,8 @@ _MOST_DIGITS = 9
 _MANY = 60  # columns; beyond so many, a single row out of order could ask for a rectangle of a billion cells
 _PLACE = re.compile(rb"""\br\s*=\s*["']\s*([A-Za-z]*)([0-9]+)""")  # of a cell, or of a row
 _ELEMENT = re.compile(rb"<(?:\w+:)?(c|row)[\s/>]")
-_CELL, _PLACED = re.compile(rb"<(?:\w+:)?c[\s/>]"), b'<c r="'
+_PLACED = b'<c r="'
+_UNPLACED = re.compile(rb'<(?:\w+:c[\s/>]|c(?:[/>]|\s(?!r="[A-Z])))')
 _FAR_COLUMN = re.compile(rb'<c r="([A-Z]{2,})[0-9]')
 _ROW = re.compile(rb'<c r="[A-Z]+([0-9]+)')
 _FAR_ROW = re.compile(rb'<c r="[A-Z]+([0-9]{7,})')
@@ -52,7 +53,8 @@ def _usual(chunks: Chunks) -> tuple[int, int] | None:
     """
     width, height = 26, 1
     for text in chunks():
-        if len(_CELL.findall(text)) != text.count(_PLACED):
+        begun = text.count(b"<c", 0, len(text) - 4)  # those whose place is within this part
+        if (begun != text.count(_PLACED) or b":c" in text) and _UNPLACED.search(text, 0, len(text) - 5):
             return None
         width = max([width, *map(_number, set(_FAR_COLUMN.findall(text)))])
         last = _ROW.findall(text, max(text.rfind(_PLACED), 0))
