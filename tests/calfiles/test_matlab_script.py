@@ -87,7 +87,9 @@ def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
 def test_loops_and_files_beside_are_followed(tmp_path, script):
     write(ParameterSet([Scalar("K", 2.0)]), tmp_path / "data.mat")
     (tmp_path / "axes.m").write_text("Speed = [700 1000];", encoding="utf-8")
-    found = read(script("first = 1;\nload data.mat\naxes\nfor i = 1:2\n  Map.values(i) = i*K;\nend\nMap.x = Speed; % [rpm]\n"))
+    found = read(
+        script("first = 1;\nload data.mat\naxes\nfor i = 1:2\n  Map.values(i) = i*K;\nend\nMap.x = Speed; % [rpm]\n")
+    )
     assert found["Map"] == Curve("Map", Axis([700, 1000], unit="rpm"), [2, 4])
     assert "../data.mat is not there" in str(describe(script("K = 1;\nload ../data.mat")).remarks[0])
 

@@ -206,6 +206,12 @@ X = {"u1": [1.0, 4.0], "u2": [2.0, 5.0], "u3": [3.0, -6.0]}
         ([("Gain", {"Gain": "[1 0; 0 2; 1 1]", "Multiplication": "Matrix(u*K)"})], [[4, 7], [-2, 4]]),
         ([("Selector", {"IndexOptions": "'Index vector (dialog)'", "IndexParamArray": "'[3 1]'",
                         "NumberOfDimensions": "1"})], [[3, 1], [-6, 4]]),
+        ([("Selector", {"IndexOptions": "Index vector (dialog)", "Indices": "[2 3]"})], [[2, 3], [5, -6]]),
+        ([("Selector", {"IndexOptions": "Starting index (dialog)", "Indices": "1", "OutputSizes": "2",
+                        "IndexMode": "Zero-based"})], [[2, 3], [5, -6]]),
+        ([("Reshape", {"OutputDimensionality": "Row vector (2-D)"}),
+          ("Selector", {"NumberOfDimensions": "2", "IndexOptions": "Select all,Index vector (dialog)",
+                        "Indices": "1,[3 1]"})], [[3, 1], [-6, 4]]),
         ([("Fcn", {"Expr": "u(1)*u[2] + u(3)"})], [[5], [14]]),
         ([("Logic", {"Operator": "AND", "Inputs": "1"})], [[1], [1]]),
         ([("Saturate", {"UpperLimit": "[1 9 9]", "LowerLimit": "0"})], [[1, 2, 3], [1, 5, 0]]),
@@ -217,6 +223,15 @@ def test_vectors(blocks, expected, tmp_path):
     model = imported(vectors(*blocks), tmp_path)
     found = run(model, X)
     np.testing.assert_allclose(np.stack([found[name] for name in model.graph.outputs], axis=1), expected)
+
+
+def test_a_selector_takes_its_place_from_an_input(tmp_path):
+    drawn = vectors(("Selector", {"IndexOptions": "Index vector (port)"}))
+    drawn.inport("place")
+    drawn.line("place", "B0:2")
+    columns = {"u1": [10.0] * 4, "u2": [20.0] * 4, "u3": [30.0] * 4, "place": [1.0, 2.0, 3.0, 2.0]}
+    drawn.blocks[4].ports = {"in": 2, "out": 1}
+    assert run(imported(drawn, tmp_path), columns)["y"].tolist() == [10, 20, 30, 20]
 
 
 def test_demux_shares_elements_out_evenly_or_by_widths(tmp_path):

@@ -208,6 +208,33 @@ def test_feedback_through_a_delay_takes_the_width_of_what_is_fed_back(tmp_path):
     np.testing.assert_allclose(found["y[2]"], -2 * np.cumsum(U))
 
 
+def test_a_long_chain_of_delays_takes_the_width_of_its_input(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", PortDimensions="2")
+    names = [f"Z{at}" for at in range(80)]
+    for name in names:
+        drawn.block("UnitDelay", name, SampleTime="-1")
+    drawn.outport("y")
+    drawn.chain("u", *names, "y")
+    model = imported(drawn, tmp_path)
+    long = np.arange(100.0)
+    found = run(model, {"u[1]": long, "u[2]": -long})
+    assert (found["y[1]"][-1], found["y[2]"][-1]) == (19.0, -19.0)
+
+
+def test_a_vector_that_grows_by_its_own_feedback_is_told(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Mux", "M", ports=(2, 1), Inputs="2")
+    drawn.block("UnitDelay", "Z", SampleTime="-1")
+    drawn.outport("y")
+    drawn.line("u", "M:1")
+    drawn.line("Z", "M:2")
+    drawn.line("M", "Z", "y")
+    with pytest.raises(InputError, match="do not settle"):
+        imported(drawn, tmp_path)
+
+
 # continuous states
 
 

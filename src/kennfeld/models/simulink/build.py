@@ -4,7 +4,7 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ from kennfeld.models.simulink.tree import split
 __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
 UNFIT = (ValueError, IndexError, TypeError, ArithmeticError)
-_MOST_PASSES = 60
+_MOST_PASSES = 500
 
 
 class Failure(NamedTuple):
@@ -208,6 +208,10 @@ class Weaver:
 
     def _fail(self, atom: Atom, what: str, mend: str = "") -> None:
         self.failures.setdefault(atom, Failure(atom, what, mend))
+
+    def unsettled(self, atom: Atom) -> None:
+        """Note that sizes and sample times in feedback do not come to an end."""
+        self._fail(atom, "the sizes or sample times of the signals that are fed back before it do not settle")
 
     def _nan(self) -> Signal:
         return Signal(np.array([self.loom.const(float("nan"))], dtype=np.int64), CONSTANT, sound=False)
@@ -541,17 +545,18 @@ def resets(control: Atom) -> bool:
     )
 
 
-def settled(make: Callable[[Guesses], Weaver], goals: Mapping[str, Atom] | Iterable[Atom]) -> Weaver:
-    """The pass in which every guess was right."""
+def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weaver:
+    """The pass in which every guess was right; where none is, that is what stops the first of the goals."""
     guesses = Guesses()
     weaver = make(guesses)
-    for _ in range(_MOST_PASSES):
+    for _ in range(min(_MOST_PASSES, len(weaver.flat.atoms) + 10)):
         guesses.changed = False
         weaver = make(guesses)
-        weaver.demand(goals.values() if isinstance(goals, Mapping) else goals)
+        weaver.demand(goals)
         doubled = guesses.taken | (weaver.inputs.keys() & weaver.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken
         guesses.taken = doubled
         if not guesses.changed:
-            break
+            return weaver
+    weaver.unsettled(next(iter(goals)))
     return weaver

@@ -155,8 +155,8 @@ def selector(site: Site) -> Wired:
     """Elements of a vector or matrix by their places."""
     x = site.input()
     dimensions = site.whole("NumberOfDimensions", 1, 2)
-    options = re.findall(r"'([^']*)'", site.text("IndexOptions", "")) or _old_options(site, dimensions)
-    given = re.findall(r"'([^']*)'", site.text("IndexParamArray", "")) or [site.text("Elements", "")]
+    options = _listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
+    given = _listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it selects from {dimensions} dimensions of a signal that has {nodes.ndim}")
@@ -169,6 +169,20 @@ def selector(site: Site) -> Wired:
         else:
             nodes = np.take(nodes, _places(site, option, text, nodes.shape[axis], axis), axis=axis)
     return Signal(nodes, fastest([one.period for one in site.inputs]))
+
+
+def _listed(site: Site, *names: str) -> list[str]:
+    """A setting for each dimension, separated by commas or quoted; the first that the file states."""
+    written = next((text for name in names if (text := site.text(name, ""))), "")
+    quoted = re.findall(r"'([^']*)'", written)
+    parts, depth = [""], 0
+    for sign in written:
+        depth += (sign in "([{") - (sign in ")]}")
+        if sign == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    return quoted or [part.strip() for part in parts if part.strip()]
 
 
 def _old_options(site: Site, dimensions: int) -> list[str]:
@@ -187,7 +201,7 @@ def _places(site: Site, option: str, text: str, size: int, axis: int) -> list[in
     first = 0 if site.text("IndexMode").startswith("Zero") else 1
     places = [int(n) - first for n in site.evaluated(text).ravel()]
     if option == "Starting index (dialog)":
-        sizes = re.findall(r"'([^']*)'", site.text("OutputSizeArray", ""))
+        sizes = _listed(site, "OutputSizes", "OutputSizeArray")
         count = int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
         places = list(range(places[0], places[0] + count))
     if places == [-1 - first]:
