@@ -13,7 +13,8 @@ from kennfeld.models.simulink.importing import import_simulink
 
 JUNK = [
     "", " ", "0", "-1", "1e9", "inf", "nan", "[]", "[1 2 3]", "[1;2]", "[1 2; 3 4]", "x", "'text'", "{1,2}", "1:5",
-    "on", "off", "zeros(0,3)", "1/0", "a.b.c", "f(", "2 2", "[1 2;", "-inf", "1.5", "ones(3,3,3)", "eye(2)", "u1 > ", "%c",
+    "on", "off", "zeros(0,3)", "1/0", "a.b.c", "f(", "2 2", "[1 2;", "-inf", "1.5", "ones(3,3,3)", "eye(2)", "u1 > ",
+    "%c",
 ]  # fmt: skip
 
 

@@ -119,6 +119,13 @@ class Expressions:
         """The numbers of an expression, Float[rows, columns]; raises `NoValueError`."""
         return self.values(self.array(text, scope, live=False), text)
 
+    def computed(self, tree: m.Expression, scope: Scope, names: Mapping[str, Nodes]) -> Nodes:
+        """The nodes of an expression over names that stand for nodes; raises `NoValueError`."""
+        try:
+            return _Walk(self, scope, True, names).nodes(tree)
+        except _BeyondGraphError as beyond:
+            raise NoValueError(str(beyond)) from None
+
     def tree_numbers(self, tree: m.Expression, scope: Scope) -> Array:
         """The numbers of an expression that is a tree already; raises `NoValueError`."""
         try:
@@ -354,6 +361,10 @@ class _Walk:
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
+        if name in ("numel", "length") and len(tree.arguments) == 1:
+            array = self.nodes(tree.arguments[0])
+            size = array.size if name == "numel" or not array.size else max(array.shape)
+            return np.array([[self.loom.const(float(size))]], dtype=np.int64)
         if name in _SHAPES:
             return self._shaped(name, tree.arguments)
         args = [self.nodes(argument) for argument in tree.arguments]
@@ -394,9 +405,8 @@ class _Walk:
         return name in self.names or self.scope.find(name) is not None
 
     def _index(self, array: Nodes, tree: m.Call) -> Nodes:
-        if any(not isinstance(argument, (m.Number, m.Name)) for argument in tree.arguments):
-            raise _BeyondGraphError("it takes computed elements of an array")
-        places = [self.of.values(self.nodes(argument)) for argument in tree.arguments]
+        fixed = _Walk(self.of, self.scope, False, self.names)
+        places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
         if any(place.size != 1 for place in places):
             raise _BeyondGraphError("it takes several elements of an array")
         at = [int(place.item()) - 1 for place in places]

@@ -380,6 +380,8 @@ def _around(level: Level) -> Iterator[Level]:
 
 
 def _kind(block: Block) -> str:
+    if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
+        return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
         return f"{block.reference.type or block.reference.source}"
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
