@@ -122,7 +122,9 @@ def test_a_multiport_switch_takes_the_input_of_the_number_and_the_last_beyond(tm
 LINKS = [
     ("Compare To Constant", {"relop": ">", "const": "0.3"}, 1, lambda u: u > 0.3),
     ("Compare To Zero", {"relop": "<"}, 1, lambda u: u < 0),
-    ("Interval Test", {"uplimit": "1", "lowlimit": "-1", "IntervalClosedRight": "off"}, 1, lambda u: (u >= -1) & (u < 1)),
+    ("Interval Test", {"uplimit": "1", "lowlimit": "-1", "IntervalClosedRight": "off"}, 1,
+     lambda u: (u >= -1) & (u < 1)),
+    ("Coulomb & Viscous Friction", {"offset": "3", "gain": "2"}, 1, lambda u: np.sign(u) * (2 * np.abs(u) + 3)),
     ("Wrap To Zero", {"Threshold": "1"}, 1, lambda u: np.where(u > 1, 0, u)),
 ]  # fmt: skip
 
@@ -204,6 +206,12 @@ X = {"u1": [1.0, 4.0], "u2": [2.0, 5.0], "u3": [3.0, -6.0]}
         ([("Gain", {"Gain": "[1 0; 0 2; 1 1]", "Multiplication": "Matrix(u*K)"})], [[4, 7], [-2, 4]]),
         ([("Selector", {"IndexOptions": "'Index vector (dialog)'", "IndexParamArray": "'[3 1]'",
                         "NumberOfDimensions": "1"})], [[3, 1], [-6, 4]]),
+        ([("Selector", {"IndexOptions": "Index vector (dialog)", "Indices": "[2 3]"})], [[2, 3], [5, -6]]),
+        ([("Selector", {"IndexOptions": "Starting index (dialog)", "Indices": "1", "OutputSizes": "2",
+                        "IndexMode": "Zero-based"})], [[2, 3], [5, -6]]),
+        ([("Reshape", {"OutputDimensionality": "Row vector (2-D)"}),
+          ("Selector", {"NumberOfDimensions": "2", "IndexOptions": "Select all,Index vector (dialog)",
+                        "Indices": "1,[3 1]"})], [[3, 1], [-6, 4]]),
         ([("Fcn", {"Expr": "u(1)*u[2] + u(3)"})], [[5], [14]]),
         ([("Logic", {"Operator": "AND", "Inputs": "1"})], [[1], [1]]),
         ([("Saturate", {"UpperLimit": "[1 9 9]", "LowerLimit": "0"})], [[1, 2, 3], [1, 5, 0]]),
@@ -215,6 +223,15 @@ def test_vectors(blocks, expected, tmp_path):
     model = imported(vectors(*blocks), tmp_path)
     found = run(model, X)
     np.testing.assert_allclose(np.stack([found[name] for name in model.graph.outputs], axis=1), expected)
+
+
+def test_a_selector_takes_its_place_from_an_input(tmp_path):
+    drawn = vectors(("Selector", {"IndexOptions": "Index vector (port)"}))
+    drawn.inport("place")
+    drawn.line("place", "B0:2")
+    columns = {"u1": [10.0] * 4, "u2": [20.0] * 4, "u3": [30.0] * 4, "place": [1.0, 2.0, 3.0, 2.0]}
+    drawn.blocks[4].ports = {"in": 2, "out": 1}
+    assert run(imported(drawn, tmp_path), columns)["y"].tolist() == [10, 20, 30, 20]
 
 
 def test_demux_shares_elements_out_evenly_or_by_widths(tmp_path):
@@ -297,7 +314,7 @@ def test_a_subsystem_alone_takes_what_it_reads_from_outside_as_inputs(tmp_path):
     model = imported(nested(), tmp_path, subsystem="Engine//Torque")
     assert (model.graph.inputs, model.graph.outputs) == (("x", "wide"), ("z",))
     assert run(model, {"x": [1.0], "wide": [2.0]})["z"].tolist() == [3.0]
-    with pytest.raises(InputError, match="no subsystem Engin.*Did you mean Engine//Torque"):
+    with pytest.raises(InputError, match=r"no subsystem Engin.*Did you mean Engine//Torque"):
         imported(nested(), tmp_path, subsystem="Engin//Torque")
 
 
@@ -433,7 +450,7 @@ def test_unsupported_blocks_are_all_told_and_can_be_bound(tmp_path):
     model = imported(drawn, tmp_path, bind={"Vendor": "2*n_rpm", "K": "load"})
     assert set(model.graph.inputs) == {"n_rpm", "load"}
     assert run(model, {"n_rpm": [3.0], "load": [1.0]})["y"].tolist() == [7.0]
-    with pytest.raises(InputError, match="there is no block Vndor. Did you mean Vendor"):
+    with pytest.raises(InputError, match=r"there is no block Vndor. Did you mean Vendor"):
         imported(drawn, tmp_path, bind={"Vndor": "x"})
 
 
@@ -446,7 +463,7 @@ def test_an_algebraic_loop_is_told_with_its_blocks(tmp_path):
     drawn.line("u", "S:1")
     drawn.line("S", "K", "y")
     drawn.line("K", "S:2")
-    with pytest.raises(InputError, match="an algebraic loop: .*(S -> K -> S|K -> S -> K)"):
+    with pytest.raises(InputError, match=r"an algebraic loop: .*(S -> K -> S|K -> S -> K)"):
         imported(drawn, tmp_path)
 
 

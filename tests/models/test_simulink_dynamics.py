@@ -57,7 +57,8 @@ def test_a_slow_block_holds_its_output(tmp_path):
 )
 def test_discrete_integration(method, expected, tmp_path):
     found = first("DiscreteIntegrator", tmp_path, gainval="2", InitialCondition="1", SampleTime="0.1",
-                  IntegratorMethod=f"Integration: {method}", InitialConditionSetting="State (most efficient)")  # fmt: skip
+                  IntegratorMethod=f"Integration: {method}",
+                  InitialConditionSetting="State (most efficient)")  # fmt: skip
     np.testing.assert_allclose(found, expected(), rtol=1e-13, atol=1e-13)
 
 
@@ -207,6 +208,33 @@ def test_feedback_through_a_delay_takes_the_width_of_what_is_fed_back(tmp_path):
     np.testing.assert_allclose(found["y[2]"], -2 * np.cumsum(U))
 
 
+def test_a_long_chain_of_delays_takes_the_width_of_its_input(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", PortDimensions="2")
+    names = [f"Z{at}" for at in range(80)]
+    for name in names:
+        drawn.block("UnitDelay", name, SampleTime="-1")
+    drawn.outport("y")
+    drawn.chain("u", *names, "y")
+    model = imported(drawn, tmp_path)
+    long = np.arange(100.0)
+    found = run(model, {"u[1]": long, "u[2]": -long})
+    assert (found["y[1]"][-1], found["y[2]"][-1]) == (19.0, -19.0)
+
+
+def test_a_vector_that_grows_by_its_own_feedback_is_told(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Mux", "M", ports=(2, 1), Inputs="2")
+    drawn.block("UnitDelay", "Z", SampleTime="-1")
+    drawn.outport("y")
+    drawn.line("u", "M:1")
+    drawn.line("Z", "M:2")
+    drawn.line("M", "Z", "y")
+    with pytest.raises(InputError, match="do not settle"):
+        imported(drawn, tmp_path)
+
+
 # continuous states
 
 
@@ -271,8 +299,9 @@ def test_slopes_through_a_solver_are_those_of_finite_differences(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("b", "a"), [([1.0], [1.0, 2.0, 1.0]), ([2.0, 1.0], [0.5, 1.0, 4.0]), ([1.0, 0.0, 3.0], [2.0, 1.0, 4.0]), ([3.0], [2.0])]
-)  # fmt: skip
+    ("b", "a"),
+    [([1.0], [1.0, 2.0, 1.0]), ([2.0, 1.0], [0.5, 1.0, 4.0]), ([1.0, 0.0, 3.0], [2.0, 1.0, 4.0]), ([3.0], [2.0])],
+)
 def test_transfer_functions_are_those_of_scipy(b, a, tmp_path):
     drawn = alone("TransferFcn", Numerator=str(b), Denominator=str(a), model=Model(solver="ode5", step="0.02"))
     t = 0.02 * np.arange(200)

@@ -4,7 +4,7 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -27,7 +27,8 @@ from kennfeld.models.simulink.tree import split
 
 __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
-_MOST_PASSES = 60
+UNFIT = (ValueError, IndexError, TypeError, ArithmeticError)
+_MOST_PASSES = 500
 
 
 class Failure(NamedTuple):
@@ -97,7 +98,12 @@ class Weaver:
             atom, complete = self._pending.pop(0)
             for needed in self._all_inputs(atom):
                 self._visit(needed)
-            complete()
+            try:
+                complete()
+            except UnsupportedError as unsupported:
+                self._fail(atom, unsupported.what, unsupported.mend)
+            except UNFIT as error:
+                self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
 
     def finish(self, solver: str) -> None:
         """Advance the continuous states, now that everything they depend on is there."""
@@ -142,6 +148,9 @@ class Weaver:
             sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
         except UnsupportedError as unsupported:
             self._fail(atom, unsupported.what, unsupported.mend)
+            return []
+        except UNFIT as error:
+            self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return []
         found = [source.atom for source in sources if source is not None]
         if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
@@ -188,6 +197,9 @@ class Weaver:
         except UnsupportedError as unsupported:
             self._fail(atom, unsupported.what, unsupported.mend)
             return self._unsound(atom)
+        except UNFIT as error:
+            self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
+            return self._unsound(atom)
         outputs = made if isinstance(made, tuple) else (made,)
         return tuple(self._sampled(atom, wired) for wired in outputs)
 
@@ -196,6 +208,10 @@ class Weaver:
 
     def _fail(self, atom: Atom, what: str, mend: str = "") -> None:
         self.failures.setdefault(atom, Failure(atom, what, mend))
+
+    def unsettled(self, atom: Atom) -> None:
+        """Note that sizes and sample times in feedback do not come to an end."""
+        self._fail(atom, "the sizes or sample times of the signals that are fed back before it do not settle")
 
     def _nan(self) -> Signal:
         return Signal(np.array([self.loom.const(float("nan"))], dtype=np.int64), CONSTANT, sound=False)
@@ -504,6 +520,11 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
+    if atom.block.type == "ModelReference":
+        return (
+            f"it runs the model {atom.block.model}, which was not found",
+            "Put it beside the model, or bind the block.",
+        )
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]
@@ -524,17 +545,18 @@ def resets(control: Atom) -> bool:
     )
 
 
-def settled(make: Callable[[Guesses], Weaver], goals: Mapping[str, Atom] | Iterable[Atom]) -> Weaver:
-    """The pass in which every guess was right."""
+def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weaver:
+    """The pass in which every guess was right; where none is, that is what stops the first of the goals."""
     guesses = Guesses()
     weaver = make(guesses)
-    for _ in range(_MOST_PASSES):
+    for _ in range(min(_MOST_PASSES, len(weaver.flat.atoms) + 10)):
         guesses.changed = False
         weaver = make(guesses)
-        weaver.demand(goals.values() if isinstance(goals, Mapping) else goals)
+        weaver.demand(goals)
         doubled = guesses.taken | (weaver.inputs.keys() & weaver.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken
         guesses.taken = doubled
         if not guesses.changed:
-            break
+            return weaver
+    weaver.unsettled(next(iter(goals)))
     return weaver

@@ -16,7 +16,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.declared import Declared
-from kennfeld.models.simulink.scopes import Array, Masked, Scope, Value, Variable
+from kennfeld.models.simulink.scopes import Array, Coded, Masked, Scope, Value, Variable
 from kennfeld.models.simulink.signals import Nodes
 
 __all__ = [
@@ -104,6 +104,7 @@ class Expressions:
         self.loom = loom
         self.declared = declared
         self.frozen: dict[str, str] = {}
+        self._codes: dict[tuple[str, int], dict[str, Value]] = {}
         self._known: dict[tuple[str, int, bool], Held] = {}
 
     def array(self, text: str, scope: Scope, live: bool = True, names: Mapping[str, Nodes] | None = None) -> Nodes:
@@ -117,6 +118,13 @@ class Expressions:
     def numbers(self, text: str, scope: Scope) -> Array:
         """The numbers of an expression, Float[rows, columns]; raises `NoValueError`."""
         return self.values(self.array(text, scope, live=False), text)
+
+    def computed(self, tree: m.Expression, scope: Scope, names: Mapping[str, Nodes]) -> Nodes:
+        """The nodes of an expression over names that stand for nodes; raises `NoValueError`."""
+        try:
+            return _Walk(self, scope, True, names).nodes(tree)
+        except _BeyondGraphError as beyond:
+            raise NoValueError(str(beyond)) from None
 
     def tree_numbers(self, tree: m.Expression, scope: Scope) -> Array:
         """The numbers of an expression that is a tree already; raises `NoValueError`."""
@@ -177,6 +185,8 @@ class Expressions:
             return None
         if isinstance(found, Variable):
             return found.value
+        if isinstance(found, Coded):
+            return self._coded(found)
         if not found.evaluated:
             return found.text
         held = self.held(found.text, found.outside, False)
@@ -198,11 +208,33 @@ class Expressions:
         found = scope.find(name)
         if isinstance(found, Masked):
             return self._masked(found, live)
+        if isinstance(found, Coded):
+            return self.constant(self._coded(found))
         if isinstance(found, Variable):
             return self.variable(name, found, live)
         if name in _CONSTANTS:
             return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
         raise NoValueError(f"{name} is defined nowhere")
+
+    def _coded(self, found: Coded) -> Value:
+        """The value that a mask's code gives a name; the variables in it are fixed."""
+        if (found.code, id(found.outside)) not in self._codes:
+            from kennfeld.models.simulink.numbers import made_by
+
+            self._codes[found.code, id(found.outside)] = made_by(
+                found.code, lambda name: self._known_number(name, found.outside)
+            )
+            self.frozen[found.code.strip()[:200]] = "a mask's code computes it"
+        value = self._codes[found.code, id(found.outside)].get(found.name)
+        if value is None:
+            raise NoValueError(f"the mask's code gives {found.name} no value")
+        return value
+
+    def _known_number(self, name: str, scope: Scope) -> Value | None:
+        try:
+            return self._variable_value(name, scope)
+        except NoValueError:
+            return None
 
     def _masked(self, found: Masked, live: bool) -> Held:
         if not found.evaluated:
@@ -277,16 +309,19 @@ class _Walk:
 
     def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> Nodes:
         made = [[self.nodes(element) for element in row] for row in rows]
-        lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
-        return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
+        try:
+            lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
+            return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
+        except ValueError:
+            raise NoValueError("the rows of a matrix have different lengths") from None
 
     def _range(self, tree: m.Range) -> Nodes:
         """Evenly spaced numbers; rounding does not take the last one away."""
-        ends = [self._number(part) for part in (tree.first, tree.step or m.Number(1.0), tree.last)]
-        first, step, last = ends
-        count = int(math.floor((last - first) / step * (1 + 1e-12) + 1e-10)) + 1 if step else 0
-        if count > _LONGEST:
-            raise NoValueError(f"a range of {count} numbers is too long")
+        first, step, last = (self._number(part) for part in (tree.first, tree.step or m.Number(1.0), tree.last))
+        steps = (last - first) / step if step else -1.0
+        if not abs(steps) < _LONGEST:
+            raise NoValueError(f"a range of {steps:g} steps is too long")
+        count = math.floor(steps * (1 + 1e-12) + 1e-10) + 1
         numbers = first + step * np.arange(max(count, 0))
         return np.array([[self.loom.const(float(n)) for n in numbers]], dtype=np.int64).reshape(1, -1)
 
@@ -305,6 +340,8 @@ class _Walk:
         found: Any = self.scope.find(way[0])
         if isinstance(found, Masked):
             return self._masked_field(found, way[1:])
+        if isinstance(found, Coded):
+            raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
             raise NoValueError(f"{way[0]} is defined nowhere")
         value = part_of(found.value, way)
@@ -324,6 +361,10 @@ class _Walk:
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
+        if name in ("numel", "length") and len(tree.arguments) == 1:
+            array = self.nodes(tree.arguments[0])
+            size = array.size if name == "numel" or not array.size else max(array.shape)
+            return np.array([[self.loom.const(float(size))]], dtype=np.int64)
         if name in _SHAPES:
             return self._shaped(name, tree.arguments)
         args = [self.nodes(argument) for argument in tree.arguments]
@@ -364,9 +405,8 @@ class _Walk:
         return name in self.names or self.scope.find(name) is not None
 
     def _index(self, array: Nodes, tree: m.Call) -> Nodes:
-        if any(not isinstance(argument, (m.Number, m.Name)) for argument in tree.arguments):
-            raise _BeyondGraphError("it takes computed elements of an array")
-        places = [self.of.values(self.nodes(argument)) for argument in tree.arguments]
+        fixed = _Walk(self.of, self.scope, False, self.names)
+        places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
         if any(place.size != 1 for place in places):
             raise _BeyondGraphError("it takes several elements of an array")
         at = [int(place.item()) - 1 for place in places]

@@ -5,16 +5,17 @@ behind: a block `Control` that says when it runs, and a block `Held` for each of
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
 
-__all__ = ["Atom", "Flat", "Source", "flatten"]
+__all__ = ["Atom", "Flat", "Source", "flatten", "member_names"]
 
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
+_NESTED = ("SubSystem", "ModelReference")
 _LOOPS = ("ForIterator", "WhileIterator", "ForEach")
 _MOST = 100_000  # blocks, all instances of libraries counted
 
@@ -103,13 +104,19 @@ def _number(block: Block) -> int:
     return int(written) if written.isdecimal() else 1
 
 
-def flatten(system: System, scope: Scope, cuts: Mapping[str, str], opaque: "frozenset[str]" = frozenset()) -> Flat:
+def flatten(
+    system: System,
+    scope: Scope,
+    cuts: Mapping[str, str],
+    opaque: frozenset[str] = frozenset(),
+    models: Mapping[str, Scope] | None = None,
+) -> Flat:
     """The blocks of a system and of all below it.
 
     `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
-    blocks of their own and not looked into.
+    blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
     """
-    work = _Flattening(cuts, opaque)
+    work = _Flattening(cuts, opaque, models or {})
     root = work.level(system, (), scope, None, None, None)
     work.connect()
     ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
@@ -118,7 +125,8 @@ def flatten(system: System, scope: Scope, cuts: Mapping[str, str], opaque: "froz
 
 
 class _Flattening:
-    def __init__(self, cuts: Mapping[str, str], opaque: frozenset[str]) -> None:
+    def __init__(self, cuts: Mapping[str, str], opaque: frozenset[str], models: Mapping[str, Scope]) -> None:
+        self.models = models
         self.cuts = cuts
         self.opaque = opaque
         self.atoms: list[Atom] = []
@@ -148,7 +156,7 @@ class _Flattening:
         path = joined(*level.path, block.name)
         if path in self.cuts:
             self._atom(level, block, "Bound")
-        elif block.type == "SubSystem" and block.system is not None and not (why := self._closed(block)):
+        elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
             self._enter(level, block, block.system)
         elif block.type == "Goto":
             self.gotos.setdefault((block.value("GotoTag") or "A").strip(), []).append((level, block))
@@ -162,7 +170,7 @@ class _Flattening:
             if level.control is not None and level.control.block is level.holder:
                 self._atom(level, block, "Held")
         else:
-            closed = block.type == "SubSystem" and block.system is not None
+            closed = block.type in _NESTED and block.system is not None
             self._atom(level, block, _kind(block), why if closed else "")
 
     def _closed(self, block: Block) -> str:
@@ -185,7 +193,8 @@ class _Flattening:
             control = self._atom(level, block, "Control")
             control.special = special
         path = (*level.path, block.name)
-        level.below[block.sid] = self.level(system, path, level.scope.within(block), control, level, block)
+        scope = level.scope.within(block) if block.type == "SubSystem" else self.models.get(block.model, level.scope)
+        level.below[block.sid] = self.level(system, path, scope, control, level, block)
 
     def _atom(self, level: Level, block: Block, kind: str, why: str = "") -> Atom:
         made = Atom(kind, block, joined(*level.path, block.name), level.scope, level.control, why=why)
@@ -235,12 +244,12 @@ class _Flattening:
 
     def source(self, level: Level, end: Endpoint) -> Source | None:
         """The block output that feeds an input port, through subsystems and tags."""
-        last = None
-        for last in self._way(level, end):
-            pass
+        last = self._begin(level, end)
         if last is None:
             return None
         here, source = last
+        if (picked := self._picked(here, source)) is not None:
+            return self.source(*picked)
         if (atom := here.atoms.get(source.block)) is not None:
             port = {"out": source.number - 1, "state": -1}.get(source.port)
             return None if port is None else Source(atom, port)
@@ -250,6 +259,38 @@ class _Flattening:
             held = below.atoms.get(outport.sid) if outport is not None else None
             return Source(held, 0) if held is not None else None
         return None
+
+    def _picked(self, level: Level, source: Endpoint) -> tuple[Level, Endpoint] | None:
+        """The input of a bus creator whose signal a bus selector picks; None where there is more between them.
+
+        So a bus may hold a signal that is computed from another one of the same bus.
+        """
+        atom = level.atoms.get(source.block)
+        if atom is None or atom.kind != "BusSelector" or (atom.block.value("OutputAsBus") or "off") == "on":
+            return None
+        ways = (atom.block.value("OutputSignals") or "").split(",")
+        if not source.number <= len(ways):
+            return None
+        found: tuple[Level, Endpoint] | None = (level, Endpoint(source.block, "in"))
+        for name in ways[source.number - 1].strip().split("."):
+            found = self._member(*found, name) if found is not None else None
+        return found
+
+    def _member(self, level: Level, end: Endpoint, name: str) -> tuple[Level, Endpoint] | None:
+        """The input of the bus creator that feeds an end, by the name of its signal."""
+        last = self._begin(level, end)
+        atom = last[0].atoms.get(last[1].block) if last is not None else None
+        if last is None or atom is None or atom.kind != "BusCreator":
+            return None
+        here, sid = last[0], atom.block.sid
+        ends = [Endpoint(sid, "in", number) for number in range(1, here.fed.get(sid, 0) + 1)]
+        names = member_names([self._label(here, one) for one in ends], atom.block.value("Inputs") or "")
+        return (here, ends[names.index(name)]) if name in names else None
+
+    def _begin(self, level: Level, end: Endpoint) -> tuple[Level, Endpoint] | None:
+        """Where the signal at an end is made."""
+        way = list(self._way(level, end))
+        return way[-1] if way else None
 
     def _way(self, level: Level, end: Endpoint) -> Iterator[tuple[Level, Endpoint]]:
         """The ends of lines that a signal passes, from where it is used back to where it is made."""
@@ -302,6 +343,20 @@ class _Flattening:
         )
 
 
+def member_names(labels: Sequence[str], stated: str) -> list[str]:
+    """The names of a bus creator's signals: those of its lines, else as stated, else numbered.
+
+    >>> member_names(["n", "", "n", ""], "'a','b'")
+    ['n', 'b', 'n3', 'signal4']
+    """
+    listed = re.findall(r"'([^']*)'", stated)
+    names: list[str] = []
+    for at, label in enumerate(labels):
+        name = label or (listed[at] if at < len(listed) else "") or f"signal{at + 1}"
+        names.append(f"{name}{at + 1}" if name in names else name)
+    return names
+
+
 def _priority(block: Block) -> int | None:
     written = (block.parameters.get("Priority") or "").strip()
     return int(written) if re.fullmatch(r"-?\d{1,9}", written) else None
@@ -325,6 +380,8 @@ def _around(level: Level) -> Iterator[Level]:
 
 
 def _kind(block: Block) -> str:
+    if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
+        return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
         return f"{block.reference.type or block.reference.source}"
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:

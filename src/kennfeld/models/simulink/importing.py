@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Builder, Graph
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
@@ -31,7 +31,8 @@ from kennfeld.models.simulink.variables import Given, Variables, variables_of
 
 __all__ = ["Imported", "import_simulink", "simulink"]
 
-_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace"}
+_STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
 
 
 @dataclass(frozen=True)
@@ -49,16 +50,18 @@ def simulink(
     bind: Mapping[str, str] | None = None,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
+    step: float | None = None,
 ) -> Model:
     """The model in a Simulink file, or in one of its subsystems.
 
     `parameters` are files (.sldd, .mat, .m, calibration files), parameter sets or mappings that give values to the
     variables of the model; later ones win. `bind` replaces blocks by a channel or a formula over channels, by the path
     of the block, with ":2" for its second output alone. `promote` names fields of blocks whose literals become
-    parameters, "Torque/Gain1:Gain". Libraries are looked for beside the file and in `folders`.
+    parameters, "Torque/Gain1:Gain"; a value given under such a name goes over the literal. Libraries are looked for
+    beside the file and in `folders`. `step` in s takes the place of the model's own step.
     Raises `InputError` with every finding where an output cannot be built.
     """
-    found = import_simulink(path, subsystem, parameters, bind, promote, folders)
+    found = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
     if found.model is None:
         name = Path(path).name
         raise InputError([Finding(f"{name} {one.place}", one.what, one.mend) for one in found.report.findings])
@@ -72,6 +75,7 @@ def import_simulink(
     bind: Mapping[str, str] | None = None,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
+    step: float | None = None,
 ) -> Imported:
     """As `simulink`, with a report of what became of every block, also where the model is not whole."""
     path = Path(path)
@@ -80,12 +84,13 @@ def import_simulink(
     variables = variables_of(document, parameters)
     system, scope, prefix = _system(document, subsystem, variables)
     cuts = _cuts(path, bind or {}, prefix)
+    models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
     try:
-        flat = flatten(system, scope, cuts, frozenset(KINDS))
+        flat = flatten(system, scope, cuts, frozenset(KINDS), models)
     except OverflowError as error:
         raise InputError.of(path.name, str(error)) from None
     remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
-    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks)
+    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks, step)
     return work.imported()
 
 
@@ -131,6 +136,7 @@ class _Import:
         promote: frozenset[str],
         variables: Variables,
         remarks: list[str],
+        step: float | None,
     ) -> None:
         self.path, self.document, self.flat = path, document, flat
         self.cuts, self.promote, self.variables = cuts, promote, variables
@@ -139,6 +145,11 @@ class _Import:
         self.bound = {key: expression(text, f"{path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self.solver, self.clock = self._solver()
+        if step is not None:
+            if not 0 < step < math.inf:
+                raise ArgumentError(f"step={step!r} must be a time in s above 0")
+            self.substitutions.append(f"the step is {step:g} s, as asked for")
+            self.clock.step = step
 
     def _check_cuts(self) -> None:
         paths = {atom.path for atom in self.flat.atoms}
@@ -162,6 +173,8 @@ class _Import:
         if continuous and not fixed:
             instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
             self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
+            if name in _STIFF:
+                self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
         if fixed:
             return solver, Clock(self._fixed_step(periods, continuous), continuous)
         step = common_step(periods)
@@ -244,15 +257,19 @@ class _Import:
             Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True) for f in weaver.failures.values()
         ]
         seen = {one.path for one in unsupported}
-        for atom in atoms:
-            if atom.kind not in KINDS and atom.path not in seen:
-                unsupported.append(Unsupported(atom.path, atom.block.type, *unknown(atom), False))
+        unsupported += [
+            Unsupported(atom.path, atom.block.type, *unknown(atom), False)
+            for atom in atoms
+            if atom.kind not in KINDS and atom.path not in seen
+        ]
+        order = "reads the data store as the step before left it: no priority puts it behind"
+        undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
-            (*self.substitutions, *note), tuple(self.remarks), dict(weaver.declared.sources),
+            (*self.substitutions, *undecided, *note), tuple(self.remarks), dict(weaver.declared.sources),
             dict(weaver.expressions.frozen), self.solver, self.clock.step,
         )  # fmt: skip
 

@@ -77,7 +77,7 @@ def _later(loom: Loom, node: float, dt: int) -> int:
 
 
 def _moved(loom: Loom, x: int, row: Sequence[float], slopes: Sequence[int], dt: int) -> int:
-    """X + dt (a1 k1 + a2 k2 + ...)"""
+    """A state moved on: x + dt (a1 k1 + a2 k2 + ...)."""
     total = loom.const(0.0)
     for share, slope in zip(row, slopes, strict=True):
         if share:

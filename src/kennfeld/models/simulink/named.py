@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.models.simulink.expressions import part_of, way_of
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
+from kennfeld.models.simulink.expressions import NoValueError, part_of, way_of
 from kennfeld.models.simulink.scopes import Array, Masked, Scope, Variable
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["Named", "named"]
+__all__ = ["Named", "named", "named_text"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,14 @@ def named(site: Site, field: str) -> Named:
     return Named(name, values, variable, True)
 
 
+def named_text(site: Site, text: str) -> Named:
+    """What an expression holds that is nothing but a variable, as `named` says it."""
+    found = _variable(text, site.atom.scope)
+    if found is None or not isinstance(found[1].value, np.ndarray):
+        raise UnsupportedError(f"{text[:80]} is no variable with numbers")
+    return Named(found[0], found[1].value, found[1], True)
+
+
 def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | None:
     """The variable that an expression is nothing but, with its name; None where it is more."""
     try:
@@ -44,9 +55,12 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | 
     found = scope.find(way[0])
     if isinstance(found, Masked):
         return _variable(".".join([found.text.strip(), *way[1:]]), found.outside, deep + 1) if found.evaluated else None
-    if found is None:
+    if not isinstance(found, Variable):
         return None
-    value = part_of(found.value, way)
+    try:
+        value = part_of(found.value, way)
+    except NoValueError:
+        return None
     return ".".join(way), found if len(way) == 1 else Variable(value, source=found.source)
 
 

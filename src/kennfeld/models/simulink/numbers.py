@@ -1,6 +1,7 @@
 """Expressions that only numbers can tell, and scripts: by the evaluator of MATLAB, which executes nothing."""
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,10 +10,12 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluation import evaluate, names
 from kennfeld.matlab.objects import LookupTable, parameter_of
+from kennfeld.matlab.parser import read_script
+from kennfeld.matlab.scripts import run_script
 from kennfeld.matlab.values import Cell, Struct
 from kennfeld.models.simulink.scopes import Value, Variable
 
-__all__ = ["Evaluated", "evaluated", "known", "variable_from"]
+__all__ = ["Evaluated", "evaluated", "known", "made_by", "variable_from"]
 
 
 class Evaluated(NamedTuple):
@@ -30,6 +33,27 @@ def evaluated(tree: m.Expression, variable: Callable[[str], Value | None]) -> Ev
     except MatlabError as error:
         return error.findings[0].what
     return Evaluated(found, tuple(given)) if found is not None else "its value is neither numbers nor text"
+
+
+def made_by(code: str, variable: Callable[[str], Value | None]) -> dict[str, Value]:
+    """The variables that a text of MATLAB makes of those that `variable` gives."""
+    script, _ = read_script(code)
+    wanted = sorted(_taken(script.statements))
+    given = {name: value for name in wanted if (value := variable(name)) is not None}
+    outcome = run_script(code, "mask", given)
+    values = {name: known(value) for name, value in outcome.variables.items()}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _taken(statements: object) -> frozenset[str]:
+    """All names in statements."""
+    if isinstance(statements, m.Expression):
+        return names(statements)
+    if isinstance(statements, tuple):
+        return frozenset().union(*map(_taken, statements))
+    if is_dataclass(statements):
+        return frozenset().union(*(_taken(getattr(statements, one.name)) for one in fields(statements)))
+    return frozenset()
 
 
 def known(value: Any) -> Value | None:

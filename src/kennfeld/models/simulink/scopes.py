@@ -7,9 +7,12 @@ from typing import Any, TypeAlias, Union
 import numpy as np
 import numpy.typing as npt
 
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import read_script
+from kennfeld.matlab.printing import printed
 from kennfeld.models.simulink.tree import Block
 
-__all__ = ["Array", "Masked", "Scope", "Value", "Variable", "plain"]
+__all__ = ["Array", "Coded", "Masked", "Scope", "Value", "Variable", "plain"]
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
@@ -37,29 +40,33 @@ class Masked:
     field: str = ""  # "Path:Name", how the literal is promoted
 
 
+@dataclass(frozen=True, eq=False)
+class Coded:
+    """A variable that a mask's code makes in a way that no single expression says."""
+
+    name: str
+    code: str
+    outside: "Scope"
+
+
 @dataclass(eq=False)
 class Scope:
     """The names that the blocks of one system see."""
 
     variables: Mapping[str, Variable]
-    masked: dict[str, Masked] = field(default_factory=dict)
+    masked: "dict[str, Masked | Coded]" = field(default_factory=dict)
     outer: "Scope | None" = None
-    path: str = ""
 
     def within(self, block: Block) -> "Scope":
         """The names inside of a subsystem."""
-        if block.mask is None or not block.mask.parameters:
+        if block.mask is None or not (block.mask.parameters or block.mask.initialization.strip()):
             return self
-        return self.masking(block, {p.name: (p.expression, p.evaluated) for p in block.mask.parameters})
+        inside = Scope(self.variables, {}, self)
+        for one in block.mask.parameters:
+            inside.masked[one.name] = Masked(one.expression, self, one.evaluated, f"{block.path}:{one.name}")
+        return _coded(inside, block.mask.initialization)
 
-    def masking(self, block: Block, given: Mapping[str, tuple[str, bool]]) -> "Scope":
-        """The names inside of a mask with these parameters."""
-        inside = Scope(self.variables, {}, self, block.path)
-        for name, (text, evaluated) in given.items():
-            inside.masked[name] = Masked(text, self, evaluated, f"{block.path}:{name}")
-        return inside
-
-    def find(self, name: str) -> "Masked | Variable | None":
+    def find(self, name: str) -> "Masked | Coded | Variable | None":
         """What a name means here."""
         here: Scope | None = self
         while here is not None:
@@ -67,6 +74,50 @@ class Scope:
                 return here.masked[name]
             here = here.outer
         return self.variables.get(name)
+
+
+def _coded(scope: Scope, code: str) -> Scope:
+    """The names after a mask's code has run: plain assignments stay expressions, one layer each."""
+    if not code.strip():
+        return scope
+    script, _ = read_script(code)
+    simple = all(isinstance(one, (m.Assign, m.Command, m.Evaluate)) for one in script.statements)
+    for statement in script.statements if simple else ():
+        if isinstance(statement, m.Assign):
+            scope = _assigned(scope, statement, code)
+    if not simple:
+        made = {name for one in script.statements for name in assigned_names(one)}
+        scope = Scope(scope.variables, {name: Coded(name, code, scope) for name in made}, scope)
+    return scope
+
+
+def _assigned(scope: Scope, statement: m.Assign, code: str) -> Scope:
+    """The names after one assignment: an expression over those before, else what the code makes."""
+    target = statement.targets[0] if len(statement.targets) == 1 else None
+    if isinstance(target, m.Name):
+        return Scope(scope.variables, {target.name: Masked(printed(statement.value), scope)}, scope)
+    return Scope(scope.variables, {name: Coded(name, code, scope) for name in assigned_names(statement)}, scope)
+
+
+def assigned_names(statement: m.Statement) -> frozenset[str]:
+    """The variables that a statement gives values to."""
+    match statement:
+        case m.Assign(targets):
+            return frozenset(name for target in targets if (name := _base(target)))
+        case m.For(target, _, body):
+            return frozenset({_base(target)}).union(*map(assigned_names, body))
+        case m.While(_, body):
+            return frozenset().union(*map(assigned_names, body))
+        case m.If(branches, otherwise) | m.Switch(_, branches, otherwise):
+            bodies = [*(one for branch in branches for one in branch.body), *otherwise]
+            return frozenset().union(*map(assigned_names, bodies))
+    return frozenset()
+
+
+def _base(target: m.Expression | None) -> str:
+    while isinstance(target, (m.Field, m.Call, m.CellIndex)):
+        target = target.of
+    return target.name if isinstance(target, m.Name) else ""
 
 
 def plain(value: Any) -> Value | None:

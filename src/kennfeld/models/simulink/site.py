@@ -1,7 +1,7 @@
 """What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, S
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
 
-__all__ = ["Site"]
+__all__ = ["Site", "Then", "as_vector", "resized"]
 
 Then = Callable[[Signal], Signal]
 
@@ -244,12 +244,3 @@ def resized(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
     if nodes.shape == shape:
         return nodes
     return np.full(shape, nodes.ravel()[0], dtype=np.int64) if nodes.size == 1 else nodes.reshape(shape)
-
-
-def indices(sizes: Iterable[int]) -> list[tuple[int, int]]:
-    """Where each of several parts begins and ends when they are put behind each other."""
-    made, at = [], 0
-    for size in sizes:
-        made.append((at, at + size))
-        at += size
-    return made

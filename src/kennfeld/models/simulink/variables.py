@@ -32,7 +32,8 @@ class Variables(dict[str, Variable]):
 def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     """The variables that a model's expressions may use.
 
-    Data dictionaries come first, then the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides them;
+    Data dictionaries come first, then the code of the model's callbacks, then what is given in its order, then the
+    workspace of the model, which hides them;
     values of calibration files and parameter sets go over all. Findings tell what could not be read.
     """
     found = Variables()
@@ -165,8 +166,9 @@ def mat_entries(path: Path) -> dict[str, Value]:
 def same(one: Value, other: Value) -> bool:
     """Whether two values are equal."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        both = isinstance(one, np.ndarray) and isinstance(other, np.ndarray)
-        return both and np.array_equal(np.atleast_2d(one), np.atleast_2d(other), equal_nan=True)
+        if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray)):
+            return False
+        return np.array_equal(np.atleast_2d(one), np.atleast_2d(other), equal_nan=True)
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, tuple) and isinstance(other, tuple):

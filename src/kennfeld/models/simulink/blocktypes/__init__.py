@@ -4,8 +4,10 @@ from kennfeld.models.simulink.blocktypes import (
     arithmetic,
     conditional,
     continuous,
+    controllers,
     delays,
     discrete,
+    functions,
     logic,
     nonlinear,
     ports,
@@ -16,6 +18,18 @@ from kennfeld.models.simulink.blocktypes import (
 )
 
 __all__ = [
-    "arithmetic", "conditional", "continuous", "delays", "discrete", "logic", "nonlinear", "ports", "routing", "sources", "stores",
+    "arithmetic",
+    "conditional",
+    "continuous",
+    "controllers",
+    "delays",
+    "discrete",
+    "functions",
+    "logic",
+    "nonlinear",
+    "ports",
+    "routing",
+    "sources",
+    "stores",
     "tables",
-]  # fmt: skip
+]

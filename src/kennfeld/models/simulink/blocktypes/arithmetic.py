@@ -12,7 +12,7 @@ from kennfeld.models.simulink.site import Site, as_vector
 
 @block("Gain", Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")
 def gain(site: Site) -> Wired:
-    """K u, element by element or as matrices."""
+    """The input times K, element by element or as matrices."""
     kind = site.text("Multiplication")
     u = site.input()
     if kind.startswith("Element-wise"):
@@ -117,25 +117,25 @@ def dot_product(site: Site) -> Wired:
 
 @block("Bias", Bias="0")
 def bias(site: Site) -> Wired:
-    """U + bias"""
+    """The input plus a constant."""
     return site.call("add", site.input(), site.parameter("Bias"))
 
 
 @block("UnaryMinus", "Unary Minus")
 def unary_minus(site: Site) -> Wired:
-    """-u"""
+    """The input with the other sign."""
     return site.call("neg", site.input())
 
 
 @block("Abs", SampleTime="-1")
 def absolute(site: Site) -> Wired:
-    """|u|"""
+    """The absolute value."""
     return site.call("abs", site.input())
 
 
 @block("Signum", SampleTime="-1")
 def signum(site: Site) -> Wired:
-    """1, 0 or -1"""
+    """The sign: 1, 0 or -1."""
     return site.call("sign", site.input())
 
 

@@ -100,7 +100,7 @@ def _one(node: int) -> Signal:
 @block("StateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
        X0="0")  # fmt: skip
 def state_space(site: Site) -> Wired:
-    """X' = A x + B u, y = C x + D u"""
+    """The state space model x' = A x + B u, y = C x + D u."""
     A, B, C, D = (site.matrix(name) for name in "ABCD")
     key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
     init = site.parameter(key)
@@ -143,9 +143,3 @@ def derivative(site: Site) -> Wired:
     before = site.remember(u, lambda _: u)
     dt = Signal(np.array([site.loom.input("dt")], dtype=np.int64))
     return site.call("div", site.call("sub", u, before), dt)
-
-
-@block("PID 1dof", "PID Controller")
-def pid_unsupported(site: Site) -> Wired:
-    """Not yet: its many forms differ."""
-    raise UnsupportedError("a PID controller block", "Draw it with gains and integrators, or bind its output.")

@@ -6,7 +6,7 @@ from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-_MOST_MEMORIES = 400  # of a delay that changes; each step of it is a memory of its own
+_MOST_MEMORIES = 1000  # of a delay that changes; each step of it is a memory of its own
 
 
 @block("TransportDelay", needs=nothing, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
@@ -36,7 +36,7 @@ def _steps(site: Site) -> int:
         raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
     count = int(np.ceil(longest / step - 1e-9))
     if not 1 <= count <= _MOST_MEMORIES:
-        what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, of which at most {_MOST_MEMORIES} can be kept"
+        what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, and {_MOST_MEMORIES} is the most"
         field = f"{site.atom.path}:MaximumDelay"
         raise UnsupportedError(
             what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.'

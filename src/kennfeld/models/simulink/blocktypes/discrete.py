@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.models.simulink.blocktypes.continuous import applied, reset_signal, resetting
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
 from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.site import Site, Then
 
 
 @block("UnitDelay", needs=nothing, InitialCondition="0", SampleTime="1")
@@ -67,7 +67,7 @@ def _delayed(site: Site, init: Signal, steps: int) -> Signal:
     return chain[0]
 
 
-def _next(site: Site, chain: Sequence[Signal], at: int, steps: int):  # type: ignore[no-untyped-def]
+def _next(site: Site, chain: Sequence[Signal], at: int, steps: int) -> Then:
     return lambda _: chain[at + 1] if at + 1 < steps else site.input()
 
 
@@ -209,7 +209,7 @@ def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
     made: list[Signal] = []
     states: list[Signal] = []
 
-    def following(at: int):  # type: ignore[no-untyped-def]
+    def following(at: int) -> Then:
         return lambda _: current() if at == 0 else states[at - 1]
 
     def current() -> Signal:
@@ -234,7 +234,7 @@ def _single(node: int) -> Signal:
 @block("DiscreteStateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
        X0="0", SampleTime="1")  # fmt: skip
 def discrete_state_space(site: Site) -> Wired:
-    """X of the next hit = A x + B u, y = C x + D u"""
+    """The state space model x of the next hit = A x + B u, y = C x + D u."""
     A, B, C, D = (site.matrix(name) for name in "ABCD")
     key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
     init = site.parameter(key)
@@ -266,7 +266,7 @@ def difference(site: Site) -> Wired:
 
 @block("First Order Transfer Fcn", "First-Order Transfer Fcn", PoleZ="0.95", ICPrevOutput="0.0")
 def first_order(site: Site) -> Wired:
-    """Y = p (y - u) + u"""
+    """The first-order lag y = p (y - u) + u."""
     u, pole = site.discrete(site.input()), site.parameter("PoleZ")
     made: list[Signal] = []
     before = site.remember(site.parameter("ICPrevOutput"), lambda _: made[0])

@@ -1,5 +1,7 @@
 """Comparison and logic; truth is 1 and 0."""
 
+from collections.abc import Callable
+
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
@@ -121,7 +123,7 @@ def detect_fall_nonpositive(site: Site) -> Wired:
     return _crossed(site, lambda x: site.call("le", x, site.constant(0.0)))
 
 
-def _crossed(site: Site, holds) -> Signal:  # type: ignore[no-untyped-def]
+def _crossed(site: Site, holds: Callable[[Signal], Signal]) -> Signal:
     """Whether a condition holds now that did not in the step before; `vinit` is its value before the first."""
     now = holds(site.discrete(site.input()))
     before = site.remember(site.parameter("vinit"), lambda _: now)

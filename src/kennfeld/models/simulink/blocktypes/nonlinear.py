@@ -102,7 +102,7 @@ def _limited(site: Site, u: Signal, up: Signal, down: Signal) -> Signal:
 
 @block("Coulomb & Viscous Friction", offset="[1 3 2 0]", gain="1")
 def friction(site: Site) -> Wired:
-    """sign(u) (gain |u| + offset)"""
+    """Friction of the size gain |u| + offset, in the direction of the input."""
     u = site.input()
     size = site.call("add", site.call("mul", site.parameter("gain"), site.call("abs", u)), site.parameter("offset"))
     return site.call("mul", site.call("sign", u), size)

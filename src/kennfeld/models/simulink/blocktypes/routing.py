@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest, leaves
 from kennfeld.models.simulink.site import Site
 
@@ -68,13 +69,8 @@ def _shares(size: int, count: int) -> list[int]:
 @block("BusCreator", Inputs="2")
 def bus_creator(site: Site) -> Wired:
     """A bus of its inputs, called by the names of their lines."""
-    stated = re.findall(r"'([^']*)'", site.text("Inputs"))
-    members: dict[str, Wired] = {}
-    for at in range(site.count):
-        name = site.atom.taken.get(at) or (stated[at] if at < len(stated) else "") or f"signal{at + 1}"
-        name = f"{name}{at + 1}" if name in members else name
-        members[name] = site.wired(at)
-    return Bus(members)
+    names = member_names([site.atom.taken.get(at, "") for at in range(site.count)], site.text("Inputs"))
+    return Bus({name: site.wired(at) for at, name in enumerate(names)})
 
 
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
@@ -159,8 +155,8 @@ def selector(site: Site) -> Wired:
     """Elements of a vector or matrix by their places."""
     x = site.input()
     dimensions = site.whole("NumberOfDimensions", 1, 2)
-    options = re.findall(r"'([^']*)'", site.text("IndexOptions", "")) or _old_options(site, dimensions)
-    given = re.findall(r"'([^']*)'", site.text("IndexParamArray", "")) or [site.text("Elements", "")]
+    options = _listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
+    given = _listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it selects from {dimensions} dimensions of a signal that has {nodes.ndim}")
@@ -173,6 +169,20 @@ def selector(site: Site) -> Wired:
         else:
             nodes = np.take(nodes, _places(site, option, text, nodes.shape[axis], axis), axis=axis)
     return Signal(nodes, fastest([one.period for one in site.inputs]))
+
+
+def _listed(site: Site, *names: str) -> list[str]:
+    """A setting for each dimension, separated by commas or quoted; the first that the file states."""
+    written = next((text for name in names if (text := site.text(name, ""))), "")
+    quoted = re.findall(r"'([^']*)'", written)
+    parts, depth = [""], 0
+    for sign in written:
+        depth += (sign in "([{") - (sign in ")]}")
+        if sign == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    return quoted or [part.strip() for part in parts if part.strip()]
 
 
 def _old_options(site: Site, dimensions: int) -> list[str]:
@@ -191,7 +201,7 @@ def _places(site: Site, option: str, text: str, size: int, axis: int) -> list[in
     first = 0 if site.text("IndexMode").startswith("Zero") else 1
     places = [int(n) - first for n in site.evaluated(text).ravel()]
     if option == "Starting index (dialog)":
-        sizes = re.findall(r"'([^']*)'", site.text("OutputSizeArray", ""))
+        sizes = _listed(site, "OutputSizes", "OutputSizeArray")
         count = int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
         places = list(range(places[0], places[0] + count))
     if places == [-1 - first]:

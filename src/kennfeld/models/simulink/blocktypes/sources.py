@@ -3,7 +3,7 @@
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, block
-from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
@@ -50,7 +50,7 @@ def ramp(site: Site) -> Wired:
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
        Phase="0", SampleTime="-1")  # fmt: skip
 def sine(site: Site) -> Wired:
-    """Amplitude sin(frequency t + phase) + bias"""
+    """The wave amplitude sin(frequency t + phase) + bias."""
     site.chosen("SineType", "Time based")
     t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
     angle = site.call("add", site.call("mul", site.parameter("Frequency"), t), site.parameter("Phase"))
@@ -109,12 +109,14 @@ def pulse_times(atom: Atom, expressions: Expressions) -> list[float]:
     if atom.kind != "DiscretePulseGenerator":
         return []
     block, defaults = atom.block, KINDS[atom.kind].defaults
-    numbers = [
-        float(expressions.numbers(block.value(name) or defaults[name], atom.scope).ravel()[0])
-        for name in ("Period", "PulseWidth", "PhaseDelay")
-    ]
-    period, width, delay = numbers
-    if (block.value("PulseType") or defaults["PulseType"]) == "Time based":
-        return [period, period * width / 100, delay]
-    sample = float(expressions.numbers(block.value("SampleTime") or "1", atom.scope).ravel()[0])
-    return [sample] if sample > 0 else []
+
+    def number(name: str, default: str = "") -> float:
+        found = expressions.numbers(block.value(name) or defaults.get(name, default), atom.scope)
+        if found.size != 1:
+            raise NoValueError(f"its {name} has {found.size} values where one is expected")
+        return float(found.item())
+
+    if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
+        return [number("SampleTime", "1")]
+    period = number("Period")
+    return [period, period * number("PulseWidth") / 100, number("PhaseDelay")]

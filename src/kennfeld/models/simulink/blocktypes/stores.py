@@ -13,8 +13,7 @@ def data_store_memory(site: Site) -> Wired:
     init = site.parameter("InitialValue")
     dimensions = [int(n) for n in site.numbers("Dimensions").ravel()]
     if init.size == 1 and min(dimensions, default=-1) > 0:
-        shape = tuple(dimensions) if len(dimensions) == 1 else tuple(dimensions)
-        init = Signal(resized(init.nodes, shape), init.period)
+        init = Signal(resized(init.nodes, tuple(dimensions)), init.period)
     return site.weaver.stored(site.atom, init)
 
 

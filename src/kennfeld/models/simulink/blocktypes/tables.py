@@ -1,12 +1,14 @@
 """Tables: each becomes a curve, map or cube; its breakpoints are shared where several tables name the same ones."""
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.errors import ArgumentError
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.named import named
+from kennfeld.models.simulink.named import Named, named, named_text
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
@@ -36,7 +38,8 @@ class Method(NamedTuple):
        BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
 def lookup_nd(site: Site) -> Wired:
     """A table of any number of dimensions."""
-    site.chosen("DataSpecification", "Table and breakpoints")
+    if site.chosen("DataSpecification", "Table and breakpoints", "Lookup table object") == "Lookup table object":
+        return _object(site)
     site.chosen("TableSource", "Dialog", "Specify via dialog")
     count = site.whole("NumberOfTableDimensions", 1, 30)
     if count > 4:
@@ -48,6 +51,22 @@ def lookup_nd(site: Site) -> Wired:
     else:
         axes = [_axis(site, name) for name in names]
     return looked_up(site, "Table", axes, _coordinates(site, count), method)
+
+
+def _object(site: Site) -> Wired:
+    """A table whose values and breakpoints are in one variable."""
+    whole = site.text("LookupTableObject")
+    table = named_text(site, f"{whole}.Table")
+    count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
+    axes = []
+    for at in range(count):
+        points = named_text(site, f"{whole}.Breakpoints{at + 1}").values.ravel()
+        try:
+            axes.append(Axis(points))
+        except ArgumentError as error:
+            raise UnsupportedError(f"breakpoints {at + 1} of {whole}: {error}") from None
+    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    return _looked_up(site, replace(table, name=whole), axes, _coordinates(site, count), method)
 
 
 def _method(between: str, beyond: str) -> Method:
@@ -84,15 +103,20 @@ def _shape(site: Site, name: str, count: int) -> tuple[int, ...]:
 def _axis(site: Site, name: str) -> Axis:
     """The breakpoints of a dimension; a variable by its name, so that tables share it."""
     found = named(site, name)
+    group = found.name if found.is_variable else ""
     try:
-        return Axis(found.values.ravel(), name=found.name if found.is_variable else "", unit=found.variable.unit)
+        return Axis(found.values.ravel(), name=group, unit=found.variable.unit)
     except ArgumentError as error:
         raise UnsupportedError(f"its {name}: {error}") from None
 
 
 def looked_up(site: Site, table: str, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
-    """The table of a parameter at coordinates, element by element."""
-    found = named(site, table)
+    """The table of a field at coordinates, element by element."""
+    return _looked_up(site, named(site, table), axes, coordinates, method)
+
+
+def _looked_up(site: Site, found: Named, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
+    table = found.name
     values = _fitted(found.values, tuple(len(axis) for axis in axes), table)
     if any(len(axis) < 2 for axis in axes):
         raise UnsupportedError(f"its {table} has a dimension with a single breakpoint")
@@ -126,7 +150,7 @@ def _snapped(site: Site, x: Signal, axis: Axis, how: str) -> Signal:
     """The breakpoint that stands for a coordinate: the nearest one, the upper of two equally near, or the one below."""
     points = axis.breakpoints
     made = site.constant(float(points[0]))
-    for low, high in zip(points[:-1], points[1:], strict=True):
+    for low, high in pairwise(points):
         limit = site.constant(float(high if how == "flat" else (low + high) / 2))
         made = site.select(site.call("ge", x, limit), site.constant(float(high)), made)
     return made
@@ -193,3 +217,50 @@ def _line(site: Site, x: Signal, points: list[list[Signal]], at: int) -> Signal:
     (x0, x1), (y0, y1) = (one[at : at + 2] for one in points)
     share = site.call("div", site.call("sub", x, x0), site.call("sub", x1, x0))
     return site.call("add", y0, site.call("mul", share, site.call("sub", y1, y0)))
+
+
+@block("PreLookup", BreakpointsData="[10:10:100]", BreakpointsSpecification="Explicit values",
+       BreakpointsDataSource="Dialog", ExtrapMethod="Clip", OutputSelection="Index and fraction", IndexSearchMethod="",
+       BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11")  # fmt: skip
+def prelookup(site: Site) -> tuple[Wired, ...]:
+    """The cell that holds the input, counted from 0, and where within it."""
+    selection = site.chosen("OutputSelection", "Index and fraction", "Index only")
+    beyond = site.chosen("ExtrapMethod", "Clip", "None - Clip", "Linear")
+    points = _points(site)
+    if points.size < 2 or not np.all(np.diff(points) > 0):
+        raise UnsupportedError("its breakpoints do not increase")
+    u = site.input()
+    index, low, width = (site.constant(float(one)) for one in (0.0, points[0], points[1] - points[0]))
+    for at in range(1, points.size - 1):
+        within = site.call("ge", u, site.constant(float(points[at])))
+        index = site.select(within, site.constant(float(at)), index)
+        low = site.select(within, site.constant(float(points[at])), low)
+        width = site.select(within, site.constant(float(points[at + 1] - points[at])), width)
+    fraction = site.call("div", site.call("sub", u, low), width)
+    if beyond != "Linear":
+        fraction = site.clip(fraction, site.constant(0.0), site.constant(1.0))
+    return (index,) if selection == "Index only" else (index, fraction)
+
+
+def _points(site: Site) -> Array:
+    if site.text("BreakpointsSpecification") == "Even spacing":
+        count = site.whole("BreakpointsNumPoints", 2, 100_000)
+        first, spacing = site.number("BreakpointsFirstPoint"), site.number("BreakpointsSpacing")
+        return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
+    return site.numbers("BreakpointsData").ravel()
+
+
+@block("Interpolation_n-D", NumberOfTableDimensions="2", Table="sqrt([1:11]' * [1:11])", InterpMethod="Linear",
+       ExtrapMethod="Clip", NumSelectionDims="0", TableSource="Dialog", RequireIndexFractionAsBus="off",
+       TableSpecification="Explicit values")  # fmt: skip
+def interpolation(site: Site) -> Wired:
+    """A table at cells and fractions that a prelookup found; its axes are the numbers of the breakpoints."""
+    site.chosen("TableSource", "Dialog")
+    site.chosen("TableSpecification", "Explicit values")
+    if site.whole("NumSelectionDims", 0, 5) or site.on("RequireIndexFractionAsBus"):
+        raise UnsupportedError("it selects parts of its table, or takes buses")
+    count = site.whole("NumberOfTableDimensions", 1, 4)
+    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    axes = [Axis(np.arange(size)) for size in _shape(site, "Table", count)]
+    places = [site.call("add", site.input(2 * at), site.input(2 * at + 1)) for at in range(count)]
+    return looked_up(site, "Table", axes, places, method)

@@ -1,0 +1,120 @@
+"""Public models, whole or with the reason why not; those that can be are compared with what scipy makes of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from simulink_runs import run
+
+from kennfeld.errors import InputError
+from kennfeld.models.formula import formula
+from kennfeld.models.formula.printer import to_text
+from kennfeld.models.simulink.importing import import_simulink, simulink
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public models in {DATA}")
+
+IDLE = {
+    "G": 0.02, "k": 1.1, "a": -0.8, "aL": -1.3, "b": 1.3, "bL": 0.7, "ap": -2.0, "bp": 300.0, "n0": 80.0, "phi": 20.0,
+}  # fmt: skip
+FUEL = dict.fromkeys(["AF_sensor_tol", "pump_tol", "MAF_sensor_tol", "kappa_tol", "tau_ww_tol", "fuel_inj_tol"], 1.0)
+FUEL |= {"kp": 0.04, "ki": 0.14, "fault_time": 50.0, "measureTime": 1.0, "simTime": 50.0, "spec_num": 1.0}
+VEHICLE = {
+    "air_density": 1.2, "cw_air": 0.3, "frontal_area": 2.2, "mass_total": 1500.0, "gravity_acceleration": 9.81,
+    "tire_radius": 0.3, "rot_mass_factor": 1.1, "tire_roll_resistance": 0.01, "max_acc_rel": 1.0, "road_surface": 1.0,
+}  # fmt: skip
+
+
+def idle(_, x, alpha, clutch):
+    """The idle speed model written out: the slopes of speed, angle and manifold pressure."""
+    n, _, p = x
+    c = IDLE
+    a, b = (c["a"], c["b"]) if clutch > 0 else (c["aL"], c["bL"])
+    torque = c["G"] * c["k"] * (2 * c["phi"] + 135) / 175 * p
+    return a * n + b * torque, 6 * n, c["ap"] * p + c["bp"] * alpha
+
+
+def test_the_idle_speed_model_is_whole_and_says_its_parameters():
+    found = import_simulink(DATA / "idle_speed_control.slx", parameters=[IDLE])
+    assert found.report.whole
+    assert (found.report.supported, found.report.total) == (33, 33)
+    assert set(found.model.graph.parameters) == set(IDLE)
+    assert found.model.graph.outputs == ("n", "theta", "p")
+    assert formula(to_text(found.model.graph)).graph == found.model.graph
+
+
+@pytest.mark.parametrize("clutch", [0.0, 1.0])
+def test_the_idle_speed_model_moves_as_scipy_integrates_it(clutch):
+    model = simulink(DATA / "idle_speed_control.slx", parameters=[IDLE])
+    t = 0.02 * np.arange(101)
+    found = run(model, {"clutch": np.full(101, clutch), "alpha": np.full(101, 10.0)}, dt=0.02)
+    start = (IDLE["n0"], 0.0, 7300.0)
+    expected = solve_ivp(idle, (0, 2), start, t_eval=t, args=(10.0, clutch), rtol=1e-11, atol=1e-9).y
+    for name, values in zip(("n", "theta", "p"), expected, strict=True):
+        np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-6 * np.abs(values).max())
+
+
+def test_the_vehicle_model_is_the_sum_of_its_resistances():
+    model = simulink(DATA / "vehicle_model.slx", parameters=[{"config_vehicle": VEHICLE}])
+    v, dv = np.array([0.0, 10.0, 30.0]), np.array([1.0, 0.5, -2.0])
+    found = run(model, {"v_ms": v, "dv_mss": dv})
+    c = VEHICLE
+    air = c["air_density"] / 2 * c["cw_air"] * c["frontal_area"] * v**2
+    inertia = c["mass_total"] * c["rot_mass_factor"] * dv
+    weight = c["mass_total"] * c["gravity_acceleration"]
+    kmh = 3.6 * v
+    rolling = np.where(v > np.finfo(float).eps, weight * (c["tire_roll_resistance"] + 5e-7 * kmh + 2e-7 * kmh**2), 0)
+    np.testing.assert_allclose(found["T_wheel_Nm"], (air + inertia + rolling) * c["tire_radius"], rtol=1e-12)
+    np.testing.assert_allclose(found["rpm_wheel_1min"], v / (2 * c["tire_radius"] * np.pi) * 60, rtol=1e-12)
+    assert "config_vehicle.mass_total" in model.graph.parameters
+
+
+@pytest.mark.parametrize(
+    ("file", "top", "ratio"),
+    [("fuel_control", "Air Fuel Control Model 1", "AF"), ("AbstractFuelControl_M1", "Model 1", "")],
+)
+def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
+    field = f"{top}/Cylinder and Exhaust/fuel system transport delay:MaximumDelay"
+    found = import_simulink(DATA / f"{file}.slx", parameters=[FUEL | {field: 0.6}])
+    assert found.report.whole
+    assert found.report.supported == found.report.total
+    assert found.model.step == 0.005
+    assert any("ode15s -> ode4" in one for one in found.report.substitutions)
+    samples = 900
+    columns = {name: np.full(samples, 8.8 if "hrottle" in name else 1000.0) for name in found.model.graph.inputs}
+    values = run(found.model, columns)
+    assert values["mode"][0] == 0
+    assert abs(values["mu"][-1]) < 1e-3
+    if ratio:
+        assert values[ratio][-1] == pytest.approx(14.7, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("file", "told"),
+    [
+        ("VentilatorModel_v8_5.slx", "a link to Simple_pneu_library/"),
+        ("controller.slx", "Chart"),
+        ("Dyn_Vol_Line.slx", "WhileIterator"),
+        ("GasTurbine_Dyn_Template.mdl", "a link to Lib_"),
+        ("Autotrans_Model.mdl", "ShiftLogic: it is a Chart"),
+        ("automatic_transmission.slx", "Chart"),
+    ],
+)
+def test_the_others_say_what_stops_them(file, told):
+    with pytest.raises(InputError) as caught:
+        simulink(DATA / file)
+    assert any(told in str(finding) for finding in caught.value.findings)
+
+
+def test_a_part_of_the_transmission_works_by_itself():
+    given = {"thvec": [0.0, 50.0, 100.0], "nevec": [500.0, 3000.0, 6000.0], "emap": np.ones((3, 3)), "Iei": 0.02}
+    model = simulink(DATA / "Autotrans_Model.mdl", "Engine", [given])
+    assert model.graph.outputs
+    assert len(model.graph.states) == 1
+
+
+def test_a_chart_is_cut_and_fed_from_a_channel():
+    with pytest.raises(InputError) as caught:
+        simulink(DATA / "automatic_transmission.slx", bind={"ShiftLogic": "gear"})
+    assert not any("Chart" in str(finding) for finding in caught.value.findings)

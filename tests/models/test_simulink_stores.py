@@ -1,0 +1,274 @@
+"""Data stores, delays that change, scripts, and other things that go beyond a single block."""
+
+import numpy as np
+import pytest
+from simulink_files import LAYOUTS, Mask, Model
+from simulink_runs import alone, imported, run
+
+from kennfeld.errors import InputError
+from kennfeld.models.formula import formula
+from kennfeld.models.formula.printer import to_text
+from kennfeld.models.simulink.importing import import_simulink
+from kennfeld.parameters import ParameterSet, Scalar
+
+U = np.random.default_rng(5).normal(size=30)
+
+
+def store(reader, writer):
+    """A counter through a data store, read outside of the subsystem that writes it; priorities as given."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="total", InitialValue="start")
+    inner = drawn.subsystem("Add", **({"Priority": writer} if writer else {}))
+    inner.inport("x")
+    inner.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="total", Priority="1")
+    inner.block("Sum", "S", ports=(2, 1))
+    inner.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="total", Priority="2")
+    inner.line("x", "S:1")
+    inner.line("R", "S:2")
+    inner.chain("S", "W")
+    drawn.line("u", "Add")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="total", **({"Priority": reader} if reader else {}))
+    drawn.outport("y")
+    drawn.chain("R", "y")
+    return drawn
+
+
+@pytest.mark.parametrize(("reader", "writer", "late"), [("2", "1", 0), ("1", "2", 1), ("", "", 1), ("-1", "3", 1)])
+def test_priorities_say_whether_a_data_store_is_read_before_it_is_written(reader, writer, late, tmp_path):
+    found = run(imported(store(reader, writer), tmp_path, parameters=[{"start": 2.0}]), {"u": U})["y"]
+    expected = np.concatenate([[2.0], 2 + np.cumsum(U)])
+    np.testing.assert_allclose(found, expected[1:] if late == 0 else expected[:-1])
+
+
+def test_what_no_priority_decides_is_told(tmp_path):
+    report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
+    assert any("data store" in one and "R" in one for one in report.substitutions)
+
+
+def test_a_data_store_without_a_memory_is_told(tmp_path):
+    drawn = alone("Gain")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="lost")
+    drawn.outport("z")
+    drawn.line("R", "z")
+    with pytest.raises(InputError, match="there is no memory for the data store lost"):
+        imported(drawn, tmp_path)
+
+
+def delayed(kind, longest, **more):
+    return alone("VariableTransportDelay", 2, VariableDelayType=kind, MaximumDelay=longest, InitialOutput="-5", **more)
+
+
+def test_a_variable_time_delay_looks_back_by_its_second_input(tmp_path):
+    time = np.linspace(0.1, 0.55, 30)
+    found = run(imported(delayed("Variable time delay", "1"), tmp_path), {"u1": U, "u2": time})["y1"]
+    t = 0.1 * np.arange(30)
+    expected = np.interp(t - time, t, U)
+    np.testing.assert_allclose(found[6:], expected[6:], atol=1e-12)
+    assert found[0] == -5
+
+
+def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):
+    model = imported(delayed("Variable transport delay", "2"), tmp_path)
+    t = 0.1 * np.arange(30)
+    even = run(model, {"u1": U, "u2": np.full(30, 0.4)})["y1"]
+    np.testing.assert_allclose(even[4:], U[:-4], atol=1e-9)
+    assert set(even[:4]) == {-5.0}
+    slowing = 0.5 + 0.2 * t
+    found = run(model, {"u1": t, "u2": slowing})["y1"]
+    # the way covered is 5 log((0.5 + 0.2 t) / 0.5); one pipe back the time was ...
+    entered = ((0.5 + 0.2 * t) * np.exp(-0.2) - 0.5) / 0.2
+    np.testing.assert_allclose(found[entered > 0], entered[entered > 0], atol=2e-3)
+    assert set(found[entered < 0]) == {-5.0}
+
+
+def test_a_delay_that_reaches_too_far_says_how_to_shorten_it(tmp_path):
+    with pytest.raises(InputError, match="MaximumDelay of 900 s is 9000 steps") as caught:
+        imported(delayed("Variable time delay", "900"), tmp_path)
+    assert '"B:MaximumDelay"' in str(caught.value)
+    model = imported(delayed("Variable time delay", "900"), tmp_path, parameters=[{"B:MaximumDelay": 0.5}])
+    assert len(model.graph.states) == 5
+
+
+# where values come from
+
+
+def test_scripts_give_values_units_and_what_they_say_beside_them(tmp_path):
+    script = (
+        "T = 0.5; % time constant\nK = Simulink.Parameter;\nK.Value = 2*T;\nK.Min = 0;\nK.Max = 7;\nK.Unit = 'Nm';\n"
+    )
+    (tmp_path / "init.m").write_text(script + "map.x = [0 1 2];\nmap.z = map.x.^2;\nfigure(1)\n")
+    drawn = alone("Gain", Gain="K/T")
+    drawn.block("Lookup_n-D", "L", ports=(1, 1), NumberOfTableDimensions="1", Table="map.z",
+                BreakpointsForDimension1="map.x")  # fmt: skip
+    drawn.outport("z")
+    drawn.chain("u1", "L", "z")
+    model = imported(drawn, tmp_path, parameters=[tmp_path / "init.m"])
+    gain = model.values["K"]
+    assert (gain.value, float(gain.lower), float(gain.upper), gain.unit) == (1.0, 0.0, 7.0, "Nm")
+    assert model.values["T"].description == "time constant"
+    found = run(model, {"u1": [1.5]})
+    assert (found["y1"][0], found["z"][0]) == (3.0, 2.5)
+    assert model.values["map.z"].axes[0].name == "map.x"
+
+
+def test_the_code_of_callbacks_and_of_the_model_workspace_gives_values(tmp_path):
+    callbacks = {"InitFcn": "a = 1; b = 10; c = 100;"}
+    empty = Model(step="0.1", solver="FixedStepDiscrete", callbacks=callbacks, code="b = 20;")
+    drawn = alone("Gain", Gain="a + b + c", model=empty)
+    assert run(imported(drawn, tmp_path), {"u1": [1.0]})["y1"].tolist() == [121.0]
+    given = ParameterSet([Scalar("c", 7.0)])
+    assert run(imported(drawn, tmp_path, parameters=[given]), {"u1": [1.0]})["y1"].tolist() == [28.0]
+
+
+def test_functions_of_whole_arrays_are_evaluated_as_numbers_and_that_is_told(tmp_path):
+    drawn = alone("Gain", Gain="interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))")
+    found = import_simulink(drawn.write(tmp_path), parameters=[{"q": 1.5}])
+    assert run(found.model, {"u1": [1.0]})["y1"].tolist() == [75.0]
+    assert list(found.report.frozen) == ["interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))"]
+
+
+def test_values_under_the_name_of_a_field_go_over_its_literal(tmp_path):
+    drawn = alone("Gain", Gain="3")
+    assert run(imported(drawn, tmp_path, parameters=[{"B:Gain": 4.0}]), {"u1": [1.0]})["y1"].tolist() == [4.0]
+    model = imported(drawn, tmp_path, parameters=[ParameterSet([Scalar("B:Gain", 5.0)])], promote=["B:Gain"])
+    assert model.values["B:Gain"].value == 5.0
+
+
+# the whole model
+
+
+def torque():
+    """The paper's torque model as blocks."""
+    drawn = Model("torque", step="0.1", solver="FixedStepDiscrete")
+    for name in ("Speed", "Rel_Airmass", "Ignition"):
+        drawn.inport(name)
+    axes = {"BreakpointsForDimension1": "n", "BreakpointsForDimension2": "q", "ExtrapMethod": "Clip"}
+    inner = drawn.subsystem("Engine")
+    for name in ("Speed", "Rel_Airmass", "Ignition"):
+        inner.inport(name)
+    for table in ("MapOptTorque", "MapOptIgnition", "MapDragTorque"):
+        inner.block("Lookup_n-D", table, ports=(2, 1), Table=table, **axes)
+        inner.line("Speed", f"{table}:1")
+        inner.line("Rel_Airmass", f"{table}:2")
+    inner.block("Sum", "deltaSpark", ports=(2, 1), Inputs="+-")
+    inner.block("Lookup_n-D", "etaSpark", ports=(1, 1), NumberOfTableDimensions="1", Table="CurveEtaDeltaSpark",
+                BreakpointsForDimension1="d", ExtrapMethod="Clip")  # fmt: skip
+    inner.block("Product", "product", ports=(2, 1))
+    inner.block("Sum", "Sum", ports=(2, 1), Inputs="+-")
+    inner.outport("TorquePredict")
+    inner.line("MapOptIgnition", "deltaSpark:1")
+    inner.line("Ignition", "deltaSpark:2")
+    inner.chain("deltaSpark", "etaSpark")
+    inner.line("MapOptTorque", "product:1", name="trqOpt")
+    inner.line("etaSpark", "product:2")
+    inner.line("product", "Sum:1")
+    inner.line("MapDragTorque", "Sum:2", name="dragTorque")
+    inner.chain("Sum", "TorquePredict")
+    for at, name in enumerate(("Speed", "Rel_Airmass", "Ignition"), 1):
+        drawn.line(name, f"Engine:{at}")
+    drawn.outport("TorquePredict")
+    drawn.chain("Engine", "TorquePredict")
+    return drawn
+
+
+TORQUE = """
+trqOpt = MapOptTorque(Speed, Rel_Airmass)
+ignOpt = MapOptIgnition(Speed, Rel_Airmass)
+deltaSpark = ignOpt - Ignition
+etaSpark = CurveEtaDeltaSpark(deltaSpark)
+product = trqOpt * etaSpark
+dragTorque = MapDragTorque(Speed, Rel_Airmass)
+TorquePredict = product - dragTorque
+"""
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_torque_model_as_blocks_is_the_one_as_formula(layout, tmp_path):
+    rng = np.random.default_rng(1)
+    n, q, d = np.linspace(700, 6000, 6), np.linspace(10, 100, 5), np.linspace(-10, 50, 7)
+    given = {"n": n, "q": q, "d": d, "CurveEtaDeltaSpark": np.cos(d / 60)}
+    given |= {name: rng.normal(size=(6, 5)) for name in ("MapOptTorque", "MapOptIgnition", "MapDragTorque")}
+    model = imported(torque(), tmp_path, layout, parameters=[given])
+    written = formula(TORQUE)
+    columns = {
+        "Speed": rng.uniform(500, 6500, 50),
+        "Rel_Airmass": rng.uniform(0, 110, 50),
+        "Ignition": rng.uniform(-30, 30, 50),
+    }
+    found, expected = run(model, columns), run(written, columns, parameters=model.values)
+    np.testing.assert_array_equal(found["TorquePredict"], expected["TorquePredict"])
+    np.testing.assert_array_equal(found["trqOpt"], expected["trqOpt"])
+    assert set(model.graph.nodes) == set(written.graph.nodes)
+    assert model.graph.outputs == ("TorquePredict",)
+    assert {"trqOpt", "dragTorque", "Engine/deltaSpark", "Engine/etaSpark"} <= set(model.graph.names)
+
+
+def test_a_model_is_printed_as_formula_text_that_gives_the_same_graph(tmp_path):
+    drawn = Model("osc", solver="ode3", step="0.05")
+    drawn.inport("u in [Nm]")
+    drawn.block("Sum", "S\nup/down", ports=(2, 1), Inputs="+-")
+    drawn.block("Integrator", "V", ports=(1, 1), InitialCondition="v0")
+    drawn.block("Gain", "D", Gain="d")
+    drawn.outport("y 1")
+    drawn.line("u in [Nm]", "S\nup/down:1")
+    drawn.chain("S\nup/down", "V")
+    drawn.line("V", "D", "y 1")
+    drawn.line("D", "S\nup/down:2")
+    model = imported(drawn, tmp_path, parameters=[{"v0": 1.0, "d": 0.5}])
+    again = formula(to_text(model.graph, model.step))
+    assert again.graph == model.graph
+    assert again.step == 0.05
+
+
+def test_names_that_would_be_two_things_are_told_apart(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("K")
+    drawn.block("Gain", "y", Gain="K")
+    drawn.outport("K")
+    drawn.chain("K", "y")
+    drawn.blocks[-1].name = "out"
+    drawn.line("y", "out")
+    drawn.blocks[-1].name = "t"
+    drawn.wires[-1].ends[0] = ("t", "in", 1)
+    model = imported(drawn, tmp_path, parameters=[{"K": 2.0}])
+    assert model.graph.inputs == ("K_in",)
+    assert run(model, {"K_in": [3.0]})[model.graph.outputs[0]].tolist() == [6.0]
+    formula(to_text(model.graph))
+
+
+def test_a_large_model_is_built_quickly_and_a_long_chain_does_not_break_it(tmp_path):
+    drawn = Model("long", step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    names = [f"G{at}" for at in range(10_000)]
+    for name in names:
+        drawn.block("Gain", name, Gain="-1")
+    drawn.outport("y")
+    drawn.chain("u", *names, "y")
+    model = imported(drawn, tmp_path)
+    assert run(model, {"u": [1.5]})["y"].tolist() == [1.5]
+
+
+@pytest.mark.parametrize(
+    ("code", "gain", "exact"),
+    [
+        ("b = 2*a + 1;", 4.0, True),
+        ("a = 2*a; b = a; b = b + 1; disp(b)", 4.0, True),
+        ("if a > 1\n  b = 4;\nelse\n  b = 0;\nend", 4.0, False),
+        ("b = 0;\nfor k = 1:3\n  b = b + k*a;\nend", 9.0, False),
+    ],
+)
+def test_masks_with_code_are_followed(code, gain, exact, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    inner = drawn.subsystem("S", mask=Mask({"a": "K"}, initialization=code))
+    inner.inport("x")
+    inner.block("Gain", "G", Gain="b")
+    inner.outport("y")
+    inner.chain("x", "G", "y")
+    drawn.outport("y")
+    drawn.chain("u", "S", "y")
+    found = import_simulink(drawn.write(tmp_path), parameters=[{"K": 1.5}])
+    assert run(found.model, {"u": [1.0]})["y"].tolist() == [gain]
+    assert (list(found.model.graph.parameters) == ["K"]) == exact
+    assert bool(found.report.frozen) != exact
