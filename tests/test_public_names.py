@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 
 PROMISED = {
     *("Project", "Dataset", "Channel", "Model", "Graph", "ParameterSet", "Scalar", "Curve", "Map", "Cube", "Axis"),
-    *("Criterion", "Limit", "Result", "read", "read_parameters", "formula", "calibrate", "simulate"),
+    *("Criterion", "Limit", "Result", "read", "read_parameters", "formula", "simulink", "calibrate", "simulate"),
 }
 NEEDED_WITH_THEM = {"Block", "Text", "Pin", "Region", "Settling", "Options", "Step", "Stop"} | {
     "InputError",

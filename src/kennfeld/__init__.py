@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
+    from kennfeld.models.simulink.importing import simulink
     from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Step, Stop, calibrate, simulate
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
     from kennfeld.project import Project
@@ -61,6 +62,7 @@ __all__ = [
     "read",
     "read_parameters",
     "simulate",
+    "simulink",
 ]
 
 __version__ = "0.1.0"
@@ -75,6 +77,7 @@ _ROOMS = {
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
+    "models.simulink.importing": ("simulink",),
     "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Step", "Stop", "calibrate", "simulate"),
     "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
     "project": ("Project",),
