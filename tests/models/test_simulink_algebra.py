@@ -44,6 +44,7 @@ ONE = [
     ("Logic", {"Operator": "NOT"}, (U == 0).astype(float)),
     ("RelationalOperator", {"Operator": "isFinite"}, np.ones(7)),
     ("DataTypeConversion", {"OutDataTypeStr": "int8"}, U),
+    ("DataTypeConversion", {"OutDataTypeStr": "boolean"}, U != 0),
     ("SignalConversion", {}, U),
     ("MinMax", {"Inputs": "1"}, U),
     ("Lookup_n-D", {"NumberOfTableDimensions": "1", "Table": "[1 2 0]", "BreakpointsForDimension1": "[-1 0 2]"},

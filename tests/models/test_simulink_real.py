@@ -80,6 +80,7 @@ def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
     assert found.report.whole
     assert found.report.supported == found.report.total
     assert found.model.step == 0.005
+    assert formula(to_text(found.model.graph)).graph == found.model.graph
     assert any("ode15s -> ode4" in one for one in found.report.substitutions)
     samples = 900
     columns = {name: np.full(samples, 8.8 if "hrottle" in name else 1000.0) for name in found.model.graph.inputs}

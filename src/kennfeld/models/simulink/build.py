@@ -520,6 +520,12 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
+    elsewhere = (atom.block.value("ReferencedSubsystem") or "").strip()
+    if elsewhere and atom.block.system is None:
+        return (
+            f"its content is in the file {elsewhere}, which is not followed",
+            "Put the content in its place, or bind it.",
+        )
     if atom.block.type == "ModelReference":
         return (
             f"it runs the model {atom.block.model}, which was not found",

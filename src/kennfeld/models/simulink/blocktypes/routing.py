@@ -10,9 +10,17 @@ from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest,
 from kennfeld.models.simulink.site import Site
 
 
-@block("SignalConversion", "SignalSpecification", "RateTransition", "DataTypeConversion", "Convert 1-D to 2-D Sink")
+@block("SignalConversion", "SignalSpecification", "RateTransition")
 def passed(site: Site) -> Wired:
-    """The signal itself; number types are left aside, since values are physical."""
+    """The signal itself."""
+    return site.wired(0)
+
+
+@block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1")
+def conversion(site: Site) -> Wired:
+    """The signal itself, since values are physical; as a truth value 1 wherever it is not 0."""
+    if site.text("OutDataTypeStr") in ("boolean", "logical"):
+        return site.call("ne", site.input(), site.constant(0.0))
     return site.wired(0)
 
 
