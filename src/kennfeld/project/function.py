@@ -84,7 +84,8 @@ def _drawn(file: ProjectFile, initial: ParameterSet | None) -> Model:
     promoted = [name for name in file.parameters if ":" in name]
     stated = {name: one.initial for name, one in file.parameters.items() if one.initial is not None and not one.axes}
     given: list[Any] = [*files, *([] if initial is None else [initial]), stated]
-    return simulink(file.folder / entry.file, entry.subsystem or None, given, dict(entry.bind), promoted)
+    drawn = file.folder / entry.file, entry.subsystem or None, given, dict(entry.bind), promoted
+    return simulink(*drawn, step=entry.step)
 
 
 def _read(path: Path, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:
