@@ -386,3 +386,9 @@ def test_one_variant_of_a_label_cannot_be_given_twice():
 def test_leaving_names_out_leaves_all_their_variants_out():
     assert [thing.name for thing in with_variants().without(["K"]).everything.values()] == ["L", "T", "T"]
     assert list(with_variants().select(["K"]).everything) == [("K", "Engine=1"), ("K", "Engine=2")]
+
+
+def test_a_name_and_a_variant_are_a_key():
+    assert with_variants()["K", "Engine=2"].value == 2
+    with pytest.raises(KeyError, match="K is no parameter of this set in the variant 'Engine=3'"):
+        with_variants()["K", "Engine=3"]

@@ -366,7 +366,8 @@ class ParameterSet(Mapping[str, Parameter]):
     A group axis (an axis with a name) has the same breakpoints in every table that uses it;
     `ArgumentError` where two tables disagree or a name occurs twice.
 
-    A label that has several variants is there in one of them; `others` holds the rest, and `in_variant` chooses.
+    A label that has several variants is there in one of them; `others` holds the rest, `in_variant` chooses, and
+    `values["Kp", "Engine=2"]` is one of a variant.
     `origin` is what a format keeps of the file that the set was read from, so that it can write into it again.
 
     >>> values = ParameterSet([Scalar("Kp", 0.08), Scalar("Ki", 0.046)])
@@ -406,8 +407,14 @@ class ParameterSet(Mapping[str, Parameter]):
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "_by_name", by_name)
 
-    def __getitem__(self, name: str) -> Parameter:
+    def __getitem__(self, name: str | tuple[str, str]) -> Parameter:
+        """The parameter of a name, in the variant that counts, or of a name and a variant."""
         by_name: dict[str, Parameter] = self.__dict__["_by_name"]
+        if isinstance(name, tuple):
+            found = self.everything.get(name)
+            if isinstance(found, Parameter):
+                return found
+            raise KeyError(f"{name[0]} is no parameter of this set in the variant {name[1]!r}")
         if name not in by_name:
             raise KeyError(f"{name} is no parameter of this set. {nearest(name, by_name)}".strip())
         return by_name[name]
