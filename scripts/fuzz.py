@@ -30,6 +30,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from fuzz_samples import Sample, samples
+
 LONGEST = 20.0  # s, for one file
 STARTING = 60.0  # s more for the imports
 MOST_MEMORY = 1 << 30  # bytes above what the process had before its first file
@@ -38,15 +40,6 @@ REPORT = 5.0  # s between lines of progress
 _NUMBER = re.compile(rb"\d+(?:\.\d+)?")
 _ABSURD = [*b"0 -1 1000000000 99999999999999999999 1e308 -1e999 nan 65535 0x7fffffff".split(), b""]
 _EXTREME = (b"\x00", b"\xff", b"\x7f", b"\x80", b"\x01")
-
-
-@dataclass(frozen=True)
-class Sample:
-    """A whole file, with the files that belong beside it; the one called `name` is damaged."""
-
-    kind: str
-    name: str
-    files: Mapping[str, bytes]
 
 
 def damaged(raw: bytes, other: bytes, draw: random.Random) -> bytes:
@@ -333,8 +326,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--keep", type=Path, help="a folder for the files that failed")
     parser.add_argument("--only", type=int, help="one number: its traceback, and its file in --keep")
     given = parser.parse_args(arguments)
-    from fuzz_samples import samples
-
     found = [one for one in samples(given.seed, given.files) if not given.kinds or one.kind in given.kinds]
     if given.only is not None:
         return _only(found, given)

@@ -4,12 +4,12 @@ import random
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from fuzz import Sample
 
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar, Text
 
@@ -17,6 +17,15 @@ WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measure
 END = "***End_of_Header***"  # of LabVIEW
 _MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
 LARGEST = 300_000  # bytes of a real file that is damaged as well
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A whole file, with the files that belong beside it; the one called `name` is damaged."""
+
+    kind: str
+    name: str
+    files: Mapping[str, bytes]
 
 
 def samples(seed: int, folder: Path | None = None) -> list[Sample]:

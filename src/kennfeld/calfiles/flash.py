@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kennfeld.calfiles.format import Content, Notes, Source, Written
+from kennfeld.calfiles.origin import Flash
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.parameters import ParameterSet
 
 if TYPE_CHECKING:
     from kennfeld.calfiles.a2l import A2l, Described
-    from kennfeld.calfiles.images import Image
 
 __all__ = [
     "IMAGE_ENDINGS",
     "A2lFile",
-    "Flash",
     "describe_a2l",
     "read_a2l",
     "read_flash",
@@ -33,14 +32,6 @@ _INTEL_ENDINGS = (".hex", ".ihex")
 _NAMING = '--a2l FILE, or { a2l = "...", hex = "..." } in a project'
 _HEAD = 65536  # characters that tell what a file is
 _LARGEST = 500_000_000  # bytes of an included file
-
-
-@dataclass(frozen=True, eq=False)
-class Flash:
-    """Where a set of parameters was read from: an image, and the A2L file that describes it."""
-
-    a2l: "A2l"
-    image: "Image"
 
 
 @dataclass(frozen=True, eq=False)

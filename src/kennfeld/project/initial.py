@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.calfiles import read_several
-from kennfeld.calfiles.flash import IMAGE_ENDINGS, Flash, unwritable
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, unwritable
 from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.origin import Flash
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.schema import ProjectFile

@@ -9,9 +9,9 @@ from kennfeld.calfiles.a2l.cursor import UnusableError
 from kennfeld.calfiles.a2l.labels import Label, Labels
 from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.record import AbsentError
-from kennfeld.calfiles.flash import Flash
 from kennfeld.calfiles.format import Notes, counted
 from kennfeld.calfiles.images.image import Image
+from kennfeld.calfiles.origin import Flash
 from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
