@@ -12,7 +12,6 @@ from kennfeld.matlab.arithmetic import as_class, binary, span, transposed, truth
 from kennfeld.matlab.budget import Budget, LimitError
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.functions import REGISTERED, Arguments
-from kennfeld.matlab.functions.shaping import like
 from kennfeld.matlab.indexing import ALL, Index, part
 from kennfeld.matlab.joining import cells, joined
 from kennfeld.matlab.objects import is_constructor, made
@@ -27,6 +26,7 @@ from kennfeld.matlab.values import (
     characters,
     class_of,
     data_of,
+    like,
     logical,
     scalar,
     strings,

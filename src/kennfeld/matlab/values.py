@@ -28,6 +28,7 @@ __all__ = [
     "characters",
     "class_of",
     "data_of",
+    "like",
     "logical",
     "number",
     "numbers",
@@ -145,6 +146,15 @@ def class_of(value: Value) -> str:
     if isinstance(value, Cell):
         return "cell"
     return "function_handle" if isinstance(value, Handle) else value.kind
+
+
+def like(value: Value, data: Array) -> Value:
+    """Other elements in the kind of array that a value is."""
+    while data.ndim > 2 and data.shape[-1] == 1:
+        data = data[..., 0]
+    if isinstance(value, Cell):
+        return Cell(data)
+    return Struct(data, value.names, value.kind) if isinstance(value, Struct) else data
 
 
 def data_of(value: Value) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.matlab.arithmetic import as_class, span
 from kennfeld.matlab.functions.registry import MANY, REGISTERED, Arguments, Function, function
-from kennfeld.matlab.values import EMPTY, INTEGERS, Cell, NoValueError, Value, numbers, object_array, row, text
+from kennfeld.matlab.values import EMPTY, INTEGERS, Cell, NoValueError, Value, like, numbers, object_array, row, text
 
 __all__ = ["shape_from"]
 
@@ -107,8 +107,6 @@ def _colon(given: Arguments) -> Value:
 
 @function("repmat", 2, MANY)
 def _repmat(given: Arguments) -> Value:
-    from kennfeld.matlab.functions.shaping import like
-
     data, times = given.data(0), shape_from(given.values[1:])
     given.budget.make(data.size * math.prod(times))
     return like(given[0], np.tile(data.reshape(data.shape + (1,) * (len(times) - data.ndim)), times))

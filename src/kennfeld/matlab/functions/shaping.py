@@ -8,18 +8,7 @@ from kennfeld.matlab.arithmetic import transposed
 from kennfeld.matlab.functions.making import shape_from
 from kennfeld.matlab.functions.registry import MANY, Arguments, function
 from kennfeld.matlab.joining import joined_along
-from kennfeld.matlab.values import Array, Cell, NoValueError, Struct, Value, logical, numbers, row, scalar
-
-__all__ = ["like"]
-
-
-def like(value: Value, data: Array) -> Value:
-    """Other elements in the kind of array that a value is."""
-    while data.ndim > 2 and data.shape[-1] == 1:
-        data = data[..., 0]
-    if isinstance(value, Cell):
-        return Cell(data)
-    return Struct(data, value.names, value.kind) if isinstance(value, Struct) else data
+from kennfeld.matlab.values import NoValueError, Value, like, logical, numbers, row, scalar
 
 
 @function("size", 1, 2)

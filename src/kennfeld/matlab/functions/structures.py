@@ -7,7 +7,6 @@ import numpy as np
 
 from kennfeld.errors import nearest
 from kennfeld.matlab.functions.registry import MANY, Arguments, function
-from kennfeld.matlab.functions.shaping import like
 from kennfeld.matlab.joining import joined
 from kennfeld.matlab.values import (
     EMPTY,
@@ -19,6 +18,7 @@ from kennfeld.matlab.values import (
     characters,
     class_of,
     data_of,
+    like,
     logical,
     object_array,
     scalar,
