@@ -58,7 +58,8 @@ def unpacked(content: bytes, name: str) -> Dataset | None:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.ParquetFile(pa.BufferReader(content)).read()  # `read_table` would load all that reads folders
+        # `read_table` would load all that reads folders; threads of Arrow can abort a process that ends early
+        table = pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
         notes: dict[str, Any] = json.loads((table.schema.metadata or {})[_NOTES])
         columns = [_numbers(column.combine_chunks()) for column in table.columns]
         time = columns.pop() if notes["time"] else None
