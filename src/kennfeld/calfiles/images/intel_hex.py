@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from kennfeld.calfiles.format import Notes
 from kennfeld.calfiles.images.image import Image, Record
-from kennfeld.calfiles.images.lines import Findings, Line, lines_of, octets, overlaps
+from kennfeld.calfiles.images.lines import Line, RecordReader, octets
 
 __all__ = ["read_intel_hex"]
 
@@ -19,43 +19,25 @@ _SIZES = {1: 0, 2: 2, 3: 4, 4: 2, 5: 4}  # bytes of each type but data
 
 def read_intel_hex(raw: bytes, name: str, notes: Notes) -> Image:
     """The image in an Intel HEX file; errors are noted for every line that is wrong, and for a missing end."""
-    reader = _Reader(Findings(notes))
-    for line in lines_of(raw):
-        reader.take(line)
-    reader.findings.close(reader.records)
-    if not reader.ended:
-        notes.error(0, "", "has no end record (:00000001FF)", "The file is cut off; fetch it once more.")
-    elif reader.behind is not None:
-        notes.remark(reader.behind.number, "", "there is something behind the end record; left aside")
-    overlaps(reader.records, notes)
-    return Image(name, "Intel HEX", raw, reader.records)
+    return Image(name, "Intel HEX", raw, _Reader(notes).read(raw))
 
 
-class _Reader:
-    def __init__(self, findings: Findings) -> None:
-        self.findings = findings
-        self.records: list[Record] = []
+class _Reader(RecordReader):
+    besides = 5  # length, address, type and checksum
+
+    def __init__(self, notes: Notes) -> None:
+        super().__init__(notes)
         self.base, self.segmented = 0, False
-        self.ended = False
-        self.behind: Line | None = None
 
     def take(self, line: Line) -> None:
-        """Check a line and keep what it holds."""
-        if self.ended:
-            self.behind = self.behind or line
-            return
         content = octets(line.text[1:]) if line.text.startswith(b":") else None
-        if content is None or len(content) < 5:
+        if content is None or len(content) < self.besides:
             self.findings.error(line, "is no record of Intel HEX", "no record", "The file is damaged.")
-        elif len(content) != content[0] + 5:
-            what = f"states {content[0]} bytes and holds {len(content) - 5}"
-            self.findings.error(line, what, "another length than stated", "The file is damaged.")
-        elif sum(content) % 256:
-            right = -sum(content[:-1]) % 256
-            what = f"has the checksum {content[-1]:02X}, its bytes give {right:02X}"
-            self.findings.error(line, what, "a wrong checksum", "The file is damaged; fetch it once more.")
-        else:
+        elif self.is_sound(line, content):
             self._record(line, content)
+
+    def lack_end(self) -> None:
+        self.notes.error(0, "", "has no end record (:00000001FF)", "The file is cut off; fetch it once more.")
 
     def _record(self, line: Line, content: bytes) -> None:
         kind, data = content[3], content[4:-1]

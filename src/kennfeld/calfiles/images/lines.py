@@ -1,12 +1,13 @@
 """The lines of a file of records, and the findings about them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from kennfeld.calfiles.format import Notes, counted
 from kennfeld.calfiles.images.image import Record
 
-__all__ = ["Findings", "Line", "lines_of", "octets"]
+__all__ = ["Line", "RecordReader", "octets"]
 
 _MOST = 20  # findings of one kind that are told
 _NOTHING = b" \t\r\n\x1a\0"  # what stands between lines and behind the last one
@@ -44,6 +45,60 @@ class Findings:
             if count > _MOST:
                 more = counted(count - _MOST, "further line")
                 self.notes.error(self.last[kind], "", f"{more} up to here with {kind}")
+
+
+class RecordReader(ABC):
+    """Reads a file of records; a format says how a line is taken, and what it means that the end is missing.
+
+    `besides` is how many bytes of a line its stated length leaves out, `total` what its bytes add up to, modulo 256.
+    """
+
+    besides = 1
+    total = 0
+
+    def __init__(self, notes: Notes) -> None:
+        self.notes = notes
+        self.findings = Findings(notes)
+        self.records: list[Record] = []
+        self.ended = False
+
+    def read(self, raw: bytes) -> list[Record]:
+        """All records of a file, in its order; what is wrong is noted."""
+        behind: Line | None = None
+        for line in lines_of(raw):
+            if self.ended:
+                behind = behind or line
+            else:
+                self.take(line)
+        self.findings.close(self.records)
+        if not self.ended:
+            self.lack_end()
+        elif behind is not None:
+            self.notes.remark(behind.number, "", "there is something behind the end record; left aside")
+        overlaps(self.records, self.notes)
+        return self.records
+
+    @abstractmethod
+    def take(self, line: Line) -> None:
+        """Check a line and keep what it holds."""
+
+    @abstractmethod
+    def lack_end(self) -> None:
+        """Note that there is no end record."""
+
+    def is_sound(self, line: Line, content: bytes) -> bool:
+        """Whether the bytes of a line are as many as it states, and give its checksum."""
+        held = len(content) - self.besides
+        right = (self.total - sum(content[:-1])) % 256
+        if content[0] != held:
+            what = f"states {content[0]} bytes and holds {held}"
+            self.findings.error(line, what, "another length than stated", "The file is damaged.")
+        elif content[-1] != right:
+            what = f"has the checksum {content[-1]:02X}, its bytes give {right:02X}"
+            self.findings.error(line, what, "a wrong checksum", "The file is damaged; fetch it once more.")
+        else:
+            return True
+        return False
 
 
 def lines_of(raw: bytes) -> Iterator[Line]:

@@ -6,7 +6,7 @@ S7, S8 and S9 end the file.
 
 from kennfeld.calfiles.format import Notes, counted
 from kennfeld.calfiles.images.image import Image, Record
-from kennfeld.calfiles.images.lines import Findings, Line, lines_of, octets, overlaps
+from kennfeld.calfiles.images.lines import Line, RecordReader, octets
 
 __all__ = ["read_s_records"]
 
@@ -15,44 +15,26 @@ _ADDRESSES = {"0": 2, "1": 2, "2": 3, "3": 4, "5": 2, "6": 3, "7": 4, "8": 3, "9
 
 def read_s_records(raw: bytes, name: str, notes: Notes) -> Image:
     """The image in a file of S-records; errors are noted for every line that is wrong."""
-    reader = _Reader(Findings(notes))
-    for line in lines_of(raw):
-        reader.take(line)
-    reader.findings.close(reader.records)
-    if not reader.ended:
-        notes.remark(0, "", "has no end record (S7, S8 or S9)", "See whether the file is cut off.")
-    elif reader.behind is not None:
-        notes.remark(reader.behind.number, "", "there is something behind the end record; left aside")
-    overlaps(reader.records, notes)
-    return Image(name, "S-records", raw, reader.records)
+    return Image(name, "S-records", raw, _Reader(notes).read(raw))
 
 
-class _Reader:
-    def __init__(self, findings: Findings) -> None:
-        self.findings = findings
-        self.records: list[Record] = []
+class _Reader(RecordReader):
+    total = 255
+
+    def __init__(self, notes: Notes) -> None:
+        super().__init__(notes)
         self.lines = 0  # of bytes
-        self.ended = False
-        self.behind: Line | None = None
 
     def take(self, line: Line) -> None:
-        """Check a line and keep what it holds."""
-        if self.ended:
-            self.behind = self.behind or line
-            return
         kind = line.text[1:2].decode("latin-1")
         content = octets(line.text[2:]) if line.text[:1] == b"S" else None
         if content is None or kind not in _ADDRESSES or len(content) < _ADDRESSES[kind] + 2:
             self.findings.error(line, "is no S-record", "no record", "The file is damaged.")
-        elif len(content) != content[0] + 1:
-            what = f"states {content[0]} bytes and holds {len(content) - 1}"
-            self.findings.error(line, what, "another length than stated", "The file is damaged.")
-        elif sum(content) % 256 != 255:
-            right = 255 - sum(content[:-1]) % 256
-            what = f"has the checksum {content[-1]:02X}, its bytes give {right:02X}"
-            self.findings.error(line, what, "a wrong checksum", "The file is damaged; fetch it once more.")
-        else:
+        elif self.is_sound(line, content):
             self._record(line, kind, content)
+
+    def lack_end(self) -> None:
+        self.notes.remark(0, "", "has no end record (S7, S8 or S9)", "See whether the file is cut off.")
 
     def _record(self, line: Line, kind: str, content: bytes) -> None:
         size = _ADDRESSES[kind]
