@@ -311,6 +311,20 @@ def test_transfer_functions_are_those_of_scipy(b, a, tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
+def test_a_lag_with_a_parameter_in_front_closes_a_loop(tmp_path):
+    drawn = Model(solver="ode5", step="0.02")
+    drawn.inport("u")
+    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
+    drawn.block("TransferFcn", "F", ports=(1, 1), Numerator="[3]", Denominator="[T 1]")
+    drawn.outport("y")
+    drawn.line("u", "S:1")
+    drawn.chain("S", "F")
+    drawn.line("F", "y", "S:2")
+    t = 0.02 * np.arange(200)
+    found = run(imported(drawn, tmp_path, parameters=[{"T": 0.5}]), {"u": np.ones(200)})["y"]
+    np.testing.assert_allclose(found, 0.75 * (1 - np.exp(-8 * t)), atol=1e-7)
+
+
 def test_a_state_space_model_is_that_of_scipy(tmp_path):
     drawn = alone("StateSpace", A="[0 1; -2 -0.5]", B="[0; 1]", C="[1 0.5]", D="0.2", X0="[1; 0]",
                   model=Model(solver="ode5", step="0.02"))  # fmt: skip

@@ -90,7 +90,8 @@ def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
 
 
 def _over(site: Site, node: int, lead: int) -> int:
-    return site.loom.call("div", node, lead)
+    """A coefficient over the leading one; 0 stays 0, so that no path through the block appears where there is none."""
+    return node if site.loom.value(node) == 0 else site.loom.call("div", node, lead)
 
 
 def _one(node: int) -> Signal:
