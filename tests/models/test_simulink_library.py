@@ -134,7 +134,7 @@ def test_a_bus_may_hold_what_is_computed_from_another_of_its_signals(tmp_path):
 def test_a_link_to_a_library_that_is_not_there_says_which(tmp_path):
     drawn = alone("Reference", special="Own Mask")
     with pytest.raises(
-        InputError, match=r"B: it is a link to lib/B, which was not found. Put lib.slx beside the model"
+        InputError, match=r"B: it is a link into the library lib, which was not found. Put lib.slx beside the model"
     ):
         imported(drawn, tmp_path)
 

@@ -32,11 +32,12 @@ _MOST_PASSES = 500
 
 
 class Failure(NamedTuple):
-    """Why a block could not be built, and what would unblock it."""
+    """Why a block could not be built, what would unblock it, and the variable that has no value, if that is why."""
 
     atom: Atom
     why: str
     mend: str = ""
+    undefined: str = ""
 
 
 @dataclass
@@ -101,7 +102,7 @@ class Weaver:
             try:
                 complete()
             except UnsupportedError as unsupported:
-                self._fail(atom, unsupported.what, unsupported.mend)
+                self._fail(atom, *unsupported.parts)
             except UNFIT as error:
                 self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
 
@@ -147,7 +148,7 @@ class Weaver:
             wanted = every if kind is None or kind.needs is None else kind.needs(site)
             sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
         except UnsupportedError as unsupported:
-            self._fail(atom, unsupported.what, unsupported.mend)
+            self._fail(atom, *unsupported.parts)
             return []
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
@@ -191,11 +192,12 @@ class Weaver:
             self._pending.append((atom, lambda: None))  # what stands before it is looked at all the same
             return self._unsound(atom)
         if any(not wired.sound for wired in self._arriving(atom)):
+            self._look_for_values(atom, kind)
             return self._unsound(atom)
         try:
             made = kind.rule(self.site(atom))
         except UnsupportedError as unsupported:
-            self._fail(atom, unsupported.what, unsupported.mend)
+            self._fail(atom, *unsupported.parts)
             return self._unsound(atom)
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
@@ -203,11 +205,21 @@ class Weaver:
         outputs = made if isinstance(made, tuple) else (made,)
         return tuple(self._sampled(atom, wired) for wired in outputs)
 
+    def _look_for_values(self, atom: Atom, kind: Kind) -> None:
+        """Note a variable without a value behind a block that stops: all of them are told at once."""
+        try:
+            kind.rule(self.site(atom))
+        except UnsupportedError as unsupported:
+            if unsupported.undefined:
+                self._fail(atom, *unsupported.parts)
+        except UNFIT:
+            return
+
     def _arriving(self, atom: Atom) -> list[Wired]:
         return [self.value(s) for s in atom.inputs if s is not None and s.atom in self._values]
 
-    def _fail(self, atom: Atom, what: str, mend: str = "") -> None:
-        self.failures.setdefault(atom, Failure(atom, what, mend))
+    def _fail(self, atom: Atom, what: str, mend: str = "", undefined: str = "") -> None:
+        self.failures.setdefault(atom, Failure(atom, what, mend, undefined))
 
     def unsettled(self, atom: Atom) -> None:
         """Note that sizes and sample times in feedback do not come to an end."""
@@ -247,7 +259,7 @@ class Weaver:
         try:
             return stated_rate(atom, self.expressions, self.kind(atom))
         except NoValueError as error:
-            self._fail(atom, f"its sample time has no value: {error}")
+            self._fail(atom, f"its sample time has no value: {error}", "", error.undefined)
             return None
 
     def stated_period(self, atom: Atom) -> float | None:
@@ -442,7 +454,7 @@ class Weaver:
             if all(wired.sound for wired in self._arriving(site.atom)):
                 new = self.at_major(then(seen))
         except UnsupportedError as unsupported:
-            self._fail(site.atom, unsupported.what, unsupported.mend)
+            self._fail(site.atom, *unsupported.parts)
         self.guesses.period(site.atom, self._inherited(site))
         if new.shape != seen.shape:
             if new.size == 1:
@@ -501,7 +513,7 @@ class Weaver:
             if all(wired.sound for wired in self._arriving(site.atom)):
                 rates = slope(seen)
         except UnsupportedError as unsupported:
-            self._fail(site.atom, unsupported.what, unsupported.mend)
+            self._fail(site.atom, *unsupported.parts)
         if rates.size > 1 and rates.shape != seen.shape:
             self.guesses.shape(key, rates.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
@@ -534,7 +546,7 @@ def unknown(atom: Atom) -> tuple[str, str]:
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]
-        return f"it is a link to {link.source}, which was not found", f"Put {library}.slx beside the model, or bind it."
+        return f"it is a link into the library {library}, which was not found", f"Put {library}.slx beside the model."
     return f"blocks of type {atom.kind} are not supported", ""
 
 

@@ -35,7 +35,11 @@ Held: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
 
 
 class NoValueError(Exception):
-    """An expression has no value here; the text says why."""
+    """An expression has no value here; the text says why. `undefined` is the variable that nothing gives a value."""
+
+    def __init__(self, why: str, undefined: str = "") -> None:
+        super().__init__(why)
+        self.undefined = undefined
 
 
 class _BeyondGraphError(Exception):
@@ -214,7 +218,7 @@ class Expressions:
             return self.variable(name, found, live)
         if name in _CONSTANTS:
             return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
-        raise NoValueError(f"{name} is defined nowhere")
+        raise NoValueError(f"{name} is defined nowhere", name)
 
     def _coded(self, found: Coded) -> Value:
         """The value that a mask's code gives a name; the variables in it are fixed."""
@@ -343,7 +347,7 @@ class _Walk:
         if isinstance(found, Coded):
             raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
-            raise NoValueError(f"{way[0]} is defined nowhere")
+            raise NoValueError(f"{way[0]} is defined nowhere", ".".join(way))
         value = part_of(found.value, way)
         return self.of.variable(".".join(way), _like(found, value), self.live)
 
@@ -432,7 +436,7 @@ def part_of(value: Value, way: list[str]) -> Value:
     """The part of a struct at the end of a way; raises `NoValueError`."""
     for at, name in enumerate(way[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
-            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}")
+            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}", ".".join(way))
         value = value[name]
     return value
 

@@ -254,7 +254,8 @@ class _Import:
     def _report(self, weaver: Weaver) -> ImportReport:
         atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held")]
         unsupported = [
-            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True) for f in weaver.failures.values()
+            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined)
+            for f in weaver.failures.values()
         ]
         seen = {one.path for one in unsupported}
         unsupported += [

@@ -80,7 +80,7 @@ class Site:
                 return self.weaver.expressions.fixed(given.value)
             return self.weaver.expressions.array(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def numbers(self, name: str, otherwise: str | None = None) -> Array:
         """A parameter as fixed numbers, Float[rows, columns]."""
@@ -91,14 +91,14 @@ class Site:
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def evaluated(self, text: str) -> Array:
         """The numbers of an expression that is part of a parameter."""
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE, error.undefined) from None
 
     def number(self, name: str, otherwise: str | None = None) -> float:
         """A parameter as one fixed number."""

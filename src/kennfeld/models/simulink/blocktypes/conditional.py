@@ -104,7 +104,9 @@ def if_block(site: Site) -> tuple[Wired, ...]:
         try:
             nodes = site.weaver.expressions.array(text, site.atom.scope, names=names)
         except NoValueError as error:
-            raise UnsupportedError(f"its condition {text[:60]} cannot be built: {error}") from None
+            raise UnsupportedError(
+                f"its condition {text[:60]} cannot be built: {error}", undefined=error.undefined
+            ) from None
         holds = Signal(nodes.ravel()[:1], min(one.period for one in site.inputs))
         outputs.append(site.call("and", none, holds))
         none = site.call("and", none, site.call("not", holds))
