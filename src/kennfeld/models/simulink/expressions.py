@@ -344,6 +344,8 @@ class _Walk:
         found: Any = self.scope.find(way[0])
         if isinstance(found, Masked):
             return self._masked_field(found, way[1:])
+        if (part := self.scope.part(way)) is not None:
+            return self.of.variable(".".join(way), part, self.live)
         if isinstance(found, Coded):
             raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:

@@ -179,8 +179,8 @@ def same(one: Value, other: Value) -> bool:
 def _with(known: Variable | None, parameter: Parameter) -> Variable:
     """A variable with the value of a parameter; what is known of it stays."""
     unit = parameter.unit or (known.unit if known is not None else "")
-    value = np.asarray(parameter.values, dtype=np.float64)
+    value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
     if known is not None and isinstance(known.value, np.ndarray) and known.value.size == value.size:
         value = value.reshape(known.value.shape)
     limits = (known.lower, known.upper) if known is not None else (-np.inf, np.inf)
-    return Variable(np.atleast_1d(value), *limits, unit, parameter.description, "a calibration file")
+    return Variable(np.atleast_1d(value), *limits, unit, parameter.description, "a calibration file", axes)
