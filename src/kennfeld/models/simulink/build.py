@@ -20,7 +20,7 @@ from kennfeld.models.simulink.integration import Integrated, advance
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, OpenBus, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, resized
 from kennfeld.models.simulink.stores import Stores
 from kennfeld.models.simulink.tree import split
@@ -240,6 +240,14 @@ class Weaver:
         self.inputs[name] = atom
         return name
 
+    def opened(self, atom: Atom) -> OpenBus:
+        """The bus that a port takes; each of its signals that is used becomes an input."""
+        return OpenBus(name=self.input_name(atom), node=self._member)
+
+    def _member(self, name: str) -> int:
+        self.inputs.setdefault(name, None)
+        return self.loom.input(name)
+
     def missing(self, atom: Atom, number: int) -> Signal:
         """The signal of an output that is not bound though another of the block is."""
         self._fail(atom, f"its output {number} is not bound", f'Bind it as well: "{atom.path}:{number}".')
@@ -339,6 +347,8 @@ class Weaver:
     def signal(self, source: Source) -> Signal:
         """The signal of a block's output, which is no bus."""
         found = self.value(source)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             raise UnsupportedError(f"the output of {source.atom.path} is a bus")
         return found

@@ -32,6 +32,7 @@ from kennfeld.models.simulink.variables import Given, Variables, variables_of
 __all__ = ["Imported", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_SHOWING = ("Scope", "Floating Scope", "Display", "ToFile", "XYGraph")
 _CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
 
 
@@ -222,16 +223,24 @@ class _Import:
     def imported(self) -> Imported:
         outputs = self.flat.outports
         recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
-        weaver = self._woven(outputs or recorded)
+        weaver = self._woven(outputs or recorded or self._shown())
         if outputs and recorded and not self._stops(weaver):
             more = self._woven([*outputs, *recorded])
             weaver = more if not self._stops(more) else weaver
         report = self._report(weaver)
         return Imported(self._model(weaver) if report.whole else None, report)
 
+    def _shown(self) -> list[Atom]:
+        """What shows signals in a model without other outputs: those signals become its outputs."""
+        found = [atom for atom in self.flat.atoms if atom.kind in _SHOWING and any(atom.inputs)]
+        for atom in found:
+            atom.kind = "Shown"
+        return found
+
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:
-            raise InputError.of(self.path.name, "it has no outport, so that nothing is computed", "Import a subsystem.")
+            what = "it has no outport, and nothing that records or shows a signal"
+            raise InputError.of(self.path.name, what, "Import a subsystem.")
 
         def make(guesses: Guesses) -> Weaver:
             return Weaver(self.flat, self.clock, self.promote, self._give, guesses)

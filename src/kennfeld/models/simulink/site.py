@@ -11,7 +11,17 @@ from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import NoValueError, each
 from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, common_shape, fastest
+from kennfeld.models.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Bus,
+    Nodes,
+    OpenBus,
+    Signal,
+    Wired,
+    common_shape,
+    fastest,
+)
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
@@ -124,12 +134,22 @@ class Site:
     def input(self, index: int = 0) -> Signal:
         """The signal at an input, counted from 0."""
         found = self.wired(index)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             only = [member for member in found.members.values() if isinstance(member, Signal)]
             if len(only) == len(found.members) == 1:
                 return only[0]
             raise UnsupportedError(f"its input {index + 1} is a bus", "Select one signal of the bus before the block.")
         return found
+
+    def bus(self, index: int = 0) -> Wired:
+        """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        found = self.wired(index)
+        if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
+            return found
+        return self.weaver.opened(source.atom)
 
     @property
     def inputs(self) -> list[Signal]:

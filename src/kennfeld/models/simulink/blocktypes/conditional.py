@@ -8,7 +8,7 @@ from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.expressions import NoValueError, fold
 from kennfeld.models.simulink.flatten import Source
-from kennfeld.models.simulink.signals import Bus, Signal, Wired
+from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
 
@@ -50,6 +50,7 @@ def held(site: Site) -> Wired:
 
 
 def _held(site: Site, wired: Wired) -> Wired:
+    wired = wired.signal if isinstance(wired, OpenBus) else wired
     if isinstance(wired, Bus):
         return Bus({name: _held(site, member) for name, member in wired.members.items()})
     text = site.text("InitialOutput")
