@@ -8,6 +8,7 @@ from simulink_runs import alone, imported, run, slopes
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
+from kennfeld.models.simulink.importing import import_simulink
 
 U = np.array([-2.5, -1.0, -0.5, 0.0, 0.3, 1.0, 4.2])
 V = np.array([1.5, -1.0, 2.0, 0.5, -3.0, 1.0, 2.0])
@@ -550,3 +551,17 @@ def test_a_signal_of_a_bus_from_outside_may_be_replaced(tmp_path):
     found = run(model, {"u": U, "in.a.y": 2 * U})
     np.testing.assert_array_equal(found["x"], U)
     np.testing.assert_array_equal(found["y"], 2 * U)
+
+
+def test_blocks_that_share_a_number_are_told_apart_by_their_names(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Gain", "Twice", Gain="2")
+    drawn.block("Bias", "Plus", Bias="1")
+    drawn.outport("y")
+    drawn.chain("u", "Twice", "Plus", "y")
+    for block in drawn.blocks:
+        block.sid = 0
+    found = import_simulink(drawn.write(tmp_path, "mdl"))
+    assert run(found.model, {"u": U})["y"].tolist() == (2 * U + 1).tolist()
+    assert any("two blocks with the SID 0" in remark for remark in found.report.remarks)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from kennfeld.models.simulink.chart import Chart
 from kennfeld.models.simulink.masks import mask_of
@@ -130,12 +131,13 @@ class Builder:
             self.enumerations[written[5:].strip()] = None
 
     def _distinct(self, blocks: list[Block], path: tuple[str, ...]) -> list[Block]:
-        """The blocks, each with a SID of its own; lines would not know one from the other."""
+        """The blocks, each with a SID of its own, as lines that go by names need it."""
         seen: set[str] = set()
-        for block in blocks:
+        for number, block in enumerate(blocks):
             if block.sid in seen:
-                what = f"has two blocks with the SID {block.sid[:40]}; lines to it may go to either"
+                what = f"has two blocks with the SID {block.sid[:40]}; lines that go by it go to the first"
                 self.trouble.remark(f"{joined(*path)[:80] or 'the root'} {what}")
+                blocks[number] = block = replace(block, sid=f"{number + 1}@{block.path}")
             seen.add(block.sid)
         return blocks
 
