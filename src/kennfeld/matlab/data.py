@@ -67,7 +67,7 @@ def loaded_of(content: bytes, most_bytes: int = tree.MOST_BYTES) -> tree.Loaded:
         return v73.load_all(BytesIO(content), most_bytes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return v4.load_all(memoryview(content))
-    return opened(v5.load_all(memoryview(content), most_bytes))
+    return opened(v5.load_all(memoryview(content), most_bytes), most_bytes)
 
 
 def value_of(node: tree.Node, depth: int = 0) -> Value:

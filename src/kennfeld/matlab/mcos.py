@@ -30,7 +30,7 @@ __all__ = ["opened", "single", "workspace"]
 _TAG = 0xDD000000  # the first number of a reference
 _VERSIONS = (2, 3, 4)
 _OFFSETS = 8  # of the tables
-_DEEPEST = 20
+_DEEPEST = 60
 _MOST = 1_000_000  # objects and values; shared ones could multiply without end
 _NAME, _VALUE = 0, 1  # what a property refers to
 _HEADS = {b"\0\1IM": "<", b"\1\0MI": ">"}
@@ -49,7 +49,7 @@ def workspace(content: bytes, most_bytes: int = MOST_BYTES) -> Loaded:
     first, *behind = loaded.further
     if isinstance(first, Unreadable):
         return replace(loaded, variables={})
-    return opened(replace(loaded, variables=_named(first), further=behind))
+    return opened(replace(loaded, variables=_named(first), further=behind), most_bytes)
 
 
 def single(content: bytes, most_bytes: int = MOST_BYTES) -> Node:
@@ -58,7 +58,7 @@ def single(content: bytes, most_bytes: int = MOST_BYTES) -> Node:
     if not loaded.further:
         raise DamageError(loaded.lost or "it holds no array")
     first, *behind = loaded.further
-    return opened(replace(loaded, variables={"": first}, further=behind)).variables[""]
+    return opened(replace(loaded, variables={"": first}, further=behind), most_bytes).variables[""]
 
 
 def _arrays(content: bytes, most_bytes: int) -> Loaded:
@@ -69,26 +69,33 @@ def _arrays(content: bytes, most_bytes: int) -> Loaded:
 
 
 def _named(node: Node) -> dict[str, Node]:
-    pairs = node.elements if isinstance(node, Structs) else [node] if isinstance(node, Struct) else []
-    if all(set(pair.fields) == {"Name", "Value"} and isinstance(pair.fields["Name"], Text) for pair in pairs):
-        return {text_of(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
-    if not isinstance(node, Struct):
+    if isinstance(node, Struct) and not (_is_pair(node) and len(node.fields) == 2):
+        return dict(node.fields)
+    if isinstance(node, Numbers) and not node.values.size:
+        return {}
+    pairs = node.elements if isinstance(node, Structs) else [node] if isinstance(node, Struct) else None
+    if pairs is None or not all(map(_is_pair, pairs)):
         raise DamageError("it holds no variables")
-    return dict(node.fields)
+    return {text_of(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
 
 
-def opened(loaded: Loaded) -> Loaded:
+def _is_pair(node: Struct) -> bool:
+    """Whether a struct is one variable with its name."""
+    return "Value" in node.fields and isinstance(node.fields.get("Name"), Text)
+
+
+def opened(loaded: Loaded, most_bytes: int = MOST_BYTES) -> Loaded:
     """The same with objects as structs of their properties, which stand behind the variables."""
-    objects = _behind(loaded.further)
+    objects = _behind(loaded.further, most_bytes)
     return replace(loaded, variables={name: objects.told(node) for name, node in loaded.variables.items()})
 
 
-def _behind(further: Sequence[Node]) -> "Objects":
+def _behind(further: Sequence[Node], most_bytes: int) -> "Objects":
     """The objects of a file; where there are none, one that says why."""
     why = _ALONE
     for node in further:
         try:
-            cells = _wrapped(node)
+            cells = _wrapped(node, most_bytes)
             if cells is not None:
                 return Objects(cells)
         except DamageError as error:
@@ -96,13 +103,13 @@ def _behind(further: Sequence[Node]) -> "Objects":
     return Objects(None, why)
 
 
-def _wrapped(subsystem: Node) -> Cells | None:
+def _wrapped(subsystem: Node, most_bytes: int) -> Cells | None:
     """The cells with all that a subsystem knows of objects."""
     if not isinstance(subsystem, Numbers):
         return None
     raw = _bytes(subsystem)
     order = "<" if raw[2:4] == b"IM" else ">"
-    loaded = elements_from(memoryview(raw), 8, order, most_nodes=_MOST)
+    loaded = elements_from(memoryview(raw), 8, order, most_bytes, _MOST)
     first = next(iter(loaded.further), None)
     wrapper = first.fields.get("MCOS") if isinstance(first, Struct) else None
     cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
