@@ -248,6 +248,21 @@ def test_a_bomb_of_packed_zeros_is_refused_and_what_stands_before_it_is_read():
     assert "claims 24000056 bytes" in loaded.lost
 
 
+def test_a_packed_array_may_lack_the_end_of_its_stream():
+    packer = zlib.compressobj()
+    stream = packer.compress(numbers(np.arange(50.0), name="K")) + packer.flush(zlib.Z_SYNC_FLUSH)
+    found = nodes_of(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
+    np.testing.assert_array_equal(found["K"].values, [np.arange(50.0)])
+    with pytest.raises(DamageError, match="garbled|cut off"):
+        nodes_of(five(struct.pack("<II", COMPRESSED, 40) + stream[:40]))
+
+
+def test_more_arrays_are_read_where_that_is_asked_for():
+    content = five(array(CELL, (120_000, 1), *[element(14, b"")] * 120_000, name="c"))
+    assert "claims 120000 x 1 values" in loaded_of(content).variables["c"].why
+    assert len(loaded_of(content, most_nodes=200_000).variables["c"].cells) == 120_000
+
+
 def test_packed_arrays_share_what_may_be_unpacked():
     one = packed(numbers(np.zeros(100_000), name="A"))
     loaded = loaded_of(five(one, packed(numbers(np.zeros(100_000), name="B"))), 1_000_000)

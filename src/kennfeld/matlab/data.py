@@ -27,6 +27,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
 _ORDERS = (b"IM", b"MI")  # how the header of version 5 ends
 _DEEPEST = 40
+_MOST_BYTES = 1_000_000_000  # of the arrays that a script loads
 
 
 def variables_of(content: bytes, name: str) -> dict[str, Value]:
@@ -36,7 +37,7 @@ def variables_of(content: bytes, name: str) -> dict[str, Value]:
     {}
     """
     try:
-        nodes = nodes_of(content)
+        nodes = nodes_of(content, _MOST_BYTES)
     except tree.DamageError as error:
         raise InputError.of(name, f"the MATLAB file is damaged: {error}", "Save it anew.") from None
     return {key: value_of(node) for key, node in nodes.items()}
@@ -59,15 +60,18 @@ def nodes_of(content: bytes, most_bytes: int = tree.MOST_BYTES) -> Mapping[str, 
     return loaded_of(content, most_bytes).whole().variables
 
 
-def loaded_of(content: bytes, most_bytes: int = tree.MOST_BYTES) -> tree.Loaded:
-    """The variables of a data file as a tree, with the properties of objects, the damaged ones among them."""
+def loaded_of(content: bytes, most_bytes: int = tree.MOST_BYTES, most_nodes: int = tree.MOST_NODES) -> tree.Loaded:
+    """The variables of a data file as a tree, with the properties of objects, the damaged ones among them.
+
+    It ends where they take more than `most_bytes` when they are unpacked, or are more than `most_nodes` arrays.
+    """
     if not content:
         return tree.Loaded(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return v73.load_all(BytesIO(content), most_bytes)
+        return v73.load_all(BytesIO(content), most_bytes, most_nodes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return v4.load_all(memoryview(content))
-    return opened(v5.load_all(memoryview(content), most_bytes), most_bytes)
+    return opened(v5.load_all(memoryview(content), most_bytes, most_nodes), most_bytes)
 
 
 def value_of(node: tree.Node, depth: int = 0) -> Value:

@@ -53,9 +53,10 @@ def load(content: memoryview) -> dict[str, Node]:
     return load_all(content).whole().variables
 
 
-def load_all(content: memoryview, most_bytes: int = MOST_BYTES) -> Loaded:
+def load_all(content: memoryview, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> Loaded:
     """All arrays of a file with this content, the damaged ones among them."""
-    return elements_from(content, 128, "<" if bytes(content[126:128]) == b"IM" else ">", most_bytes)
+    order = "<" if bytes(content[126:128]) == b"IM" else ">"
+    return elements_from(content, 128, order, most_bytes, most_nodes)
 
 
 def elements_from(
@@ -118,7 +119,7 @@ def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple
         unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
     except (zlib.error, struct.error):
         raise DamageError(f"the packed element at byte {at} is garbled") from None
-    if len(found) < claimed or not unpacker.eof:
+    if len(found) < claimed:  # an end of the stream may be missing: MATLAB does not write it behind objects
         raise DamageError(f"the packed element at byte {at} is cut off")
     return kind, memoryview(found)
 

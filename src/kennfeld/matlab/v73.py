@@ -38,11 +38,11 @@ def load(path: Path | BinaryIO, most_bytes: int = MOST_BYTES) -> dict[str, Node]
     return load_all(path, most_bytes).whole().variables
 
 
-def load_all(path: Path | BinaryIO, most_bytes: int = MOST_BYTES) -> Loaded:
+def load_all(path: Path | BinaryIO, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> Loaded:
     """The variables of a file, the damaged ones among them."""
     import h5py
 
-    found, loader = Loaded(), _Loader(most_bytes)
+    found, loader = Loaded(), _Loader(most_bytes, most_nodes)
     try:
         with h5py.File(path, "r") as file:
             for name, item in _own(file):
@@ -78,8 +78,9 @@ def _own(group: Any) -> list[tuple[str, Any]]:
 class _Loader:
     """Counts what it reads."""
 
-    def __init__(self, most_bytes: int) -> None:
+    def __init__(self, most_bytes: int, most_nodes: int) -> None:
         self.most_bytes = most_bytes
+        self.most_nodes = most_nodes
         self.nodes = self.bytes = 0
         self.dense = MOST_DENSE
         self.damage = ""
@@ -98,8 +99,8 @@ class _Loader:
         import h5py
 
         self.nodes += 1
-        if self.nodes > MOST_NODES:
-            raise TooManyError(f"it holds more than {MOST_NODES} arrays")
+        if self.nodes > self.most_nodes:
+            raise TooManyError(f"it holds more than {self.most_nodes} arrays")
         if depth > _DEEPEST:
             raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
         kind = _class(item)
@@ -140,7 +141,7 @@ class _Loader:
         if not arrays or len(arrays) < len(members):
             return Struct({name: self._node(member, depth + 1) for name, member in members})
         count = min(member.size for member in arrays)
-        if count > MOST_NODES:
+        if count > self.most_nodes:
             raise DamageError(f"{group.name} claims {count} structs")
         targets = {name: self._targets(member) for name, member in members}
         return Structs(

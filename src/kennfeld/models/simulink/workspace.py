@@ -15,6 +15,7 @@ from kennfeld.models.simulink.tree import Workspace
 __all__ = ["mat_variables", "mxarray_value", "mxarray_variables", "workspace_variables"]
 
 _MOST_BYTES = 200_000_000  # unpacked
+_MOST_ARRAYS = 1_000_000
 _NEEDED = ("Value", "Table", "Breakpoints")  # what an object is there for
 _WHY = {
     "complex numbers": "it is complex",
@@ -51,7 +52,7 @@ def mxarray_variables(raw: bytes) -> Data:
 
 def mat_variables(raw: bytes) -> Data:
     """The variables in the bytes of a MAT-file of any version."""
-    return _data(loaded_of(raw, _MOST_BYTES), "the MAT-file cannot be read")
+    return _data(loaded_of(raw, _MOST_BYTES, _MOST_ARRAYS), "the MAT-file cannot be read")
 
 
 def _data(loaded: Loaded, what: str) -> Data:
