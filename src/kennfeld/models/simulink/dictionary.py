@@ -13,8 +13,8 @@ import numpy as np
 
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError
+from kennfeld.matlab.tree import DamageError
 from kennfeld.models.simulink.data import Data, Entry, Value, entry_of
-from kennfeld.models.simulink.mat5 import Mat5Error
 from kennfeld.models.simulink.package import Package, is_zip, zip_package
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.settings import solver_from
@@ -228,5 +228,5 @@ def _encoded(section: Section) -> Value:
         return mxarray_value(binascii.unhexlify("".join(section.text.split())))
     except (binascii.Error, ValueError):
         raise _Unreadable("its bytes cannot be decoded") from None
-    except Mat5Error as error:
+    except DamageError as error:
         raise _Unreadable(f"its bytes cannot be decoded: {error}") from None

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import NoValueError, each
 from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.scopes import Array
@@ -22,6 +21,7 @@ from kennfeld.models.simulink.signals import (
     common_shape,
     fastest,
 )
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
