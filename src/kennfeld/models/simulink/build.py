@@ -4,6 +4,7 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -532,12 +533,11 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
-    elsewhere = (atom.block.value("ReferencedSubsystem") or "").strip()
+    elsewhere = atom.block.elsewhere
     if elsewhere and atom.block.system is None:
-        return (
-            f"its content is in the file {elsewhere}, which is not followed",
-            "Put the content in its place, or bind it.",
-        )
+        stem = re.sub(r"\.(slx|mdl)\Z", "", elsewhere)
+        what = f"its content is in the file {elsewhere}, which was not found or does not fit"
+        return what, f"Put {stem}.slx beside the model, or bind it."
     if atom.block.type == "ModelReference":
         return (
             f"it runs the model {atom.block.model}, which was not found",

@@ -161,6 +161,11 @@ class Block:
     signals: Mapping[int, str] = field(default_factory=dict)
     attached: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def elsewhere(self) -> str:
+        """The name of the file that holds the content of a subsystem; empty where the subsystem holds it."""
+        return (self.parameters.get("ReferencedSubsystem") or "").strip() if self.type == "SubSystem" else ""
+
     def value(self, name: str, table: Mapping[str, Mapping[str, str]] | None = None) -> str | None:
         """A parameter as text: as stated for the block, else for its type by the file, else by a table of defaults.
 
@@ -255,8 +260,8 @@ class Document:
 
     `version` is a release ("R2017b") or, from files that name none, the number of the Simulink version. `callbacks`
     is the code of InitFcn, PreLoadFcn and the like; `dictionaries` are the names of `.sldd` files; `defaults` are by
-    block type; `enumerations` are the enumerated types that blocks name; `charts` are all of the file; `remarks` are
-    sentences on what could not be read.
+    block type; `enumerations` are the enumerated types that blocks name; `charts` are all of the file; `mask` is that
+    of a subsystem file for the blocks that show it; `remarks` are sentences on what could not be read.
     """
 
     name: str
@@ -272,4 +277,5 @@ class Document:
     enumerations: tuple[str, ...] = ()
     charts: tuple[Chart, ...] = ()
     parameters: Mapping[str, str] = field(default_factory=dict)
+    mask: Mask | None = None
     remarks: tuple[str, ...] = ()
