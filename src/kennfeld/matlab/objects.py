@@ -14,6 +14,7 @@ from kennfeld.matlab.values import EMPTY, Struct, Value, characters, numbers, ob
 __all__ = ["Breakpoint", "LookupTable", "Parameter", "defaults", "is_constructor", "made", "parameter_of"]
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
+_VARIANT, _CONTROL = "Simulink.Variant", "Simulink.VariantControl"
 _CODER = {"StorageClass": "Auto", "Alias": "", "Identifier": "", "CustomStorageClass": "Default"}
 _PLAIN: Mapping[str, Value] = {
     "Value": EMPTY,
@@ -25,6 +26,7 @@ _PLAIN: Mapping[str, Value] = {
 }
 _KINDS = frozenset(
     {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType"}
+    | {"Variant", "VariantControl"}
 )
 _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", "canlib", "lookuptable"})
 
@@ -77,14 +79,30 @@ def is_constructor(path: str) -> bool:
 def made(path: str, arguments: Sequence[Value]) -> Struct:
     """A new object of a class, with the value given to its constructor, if any."""
     fields = defaults(path)
+    if path in (_VARIANT, _CONTROL):
+        return _variant(path, fields, arguments)
     if arguments and "Value" in fields:
         fields["Value"] = arguments[0]
+    return Struct.of(fields, path)
+
+
+def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) -> Struct:
+    """A Simulink.Variant of a condition, or a Simulink.VariantControl of properties in pairs."""
+    if path == _VARIANT and arguments:
+        fields["Condition"] = arguments[0]
+    for name, value in zip(arguments[::2], arguments[1::2], strict=False):
+        if path == _CONTROL and isinstance(name, np.ndarray) and name.dtype.kind == "U" and text(name) in fields:
+            fields[text(name)] = value
     return Struct.of(fields, path)
 
 
 def defaults(kind: str) -> dict[str, Value]:
     """The properties of a new object of a class."""
     name = kind.rpartition(".")[2]
+    if kind == _VARIANT:
+        return {"Condition": characters("")}
+    if kind == _CONTROL:
+        return {"Value": _PLAIN["Value"], "ActivationTime": characters("update diagram")}
     if kind in (_TABLE, _POINTS):
         return {**_PLAIN, "FieldName": characters("")}
     if name == "LookupTable":

@@ -28,6 +28,7 @@ from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
 from kennfeld.models.simulink.tree import Block, Document, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
+from kennfeld.models.simulink.variants import content
 
 __all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
@@ -119,7 +120,11 @@ class Opened:
                 mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
                 raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
             scope, system = scope.within(block), block.system
-        return system, scope, block.path if block is not None else ""
+        assert block is not None
+        try:
+            return content(block, scope)[0], scope, block.path
+        except NoValueError as error:
+            raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
 
     def flat(self, system: System, scope: Scope, cuts: Mapping[str, str] = MappingProxyType({})) -> Flat:
         """The blocks of one of its systems; raises `InputError` where there are too many."""
@@ -293,8 +298,8 @@ class Work:
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
-            (*self.substitutions, *undecided, *note), tuple(self.remarks), dict(weaver.declared.sources),
-            dict(weaver.expressions.frozen), self.solver, self.clock.step,
+            (*self.flat.chosen, *self.substitutions, *undecided, *note), tuple(self.remarks),
+            dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
         )  # fmt: skip
 
     def _model(self, weaver: Weaver) -> Model:

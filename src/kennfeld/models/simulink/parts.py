@@ -10,11 +10,13 @@ from pathlib import Path
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.blocktypes.registry import KINDS
+from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.importing import Opened, Work
 from kennfeld.models.simulink.report import Importable, ImportReport
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, System, split
 from kennfeld.models.simulink.variables import Given
+from kennfeld.models.simulink.variants import content
 
 __all__ = ["inspect_simulink"]
 
@@ -39,7 +41,7 @@ def inspect_simulink(
     report = work.report(work.woven())
     if report.whole:
         return report
-    search = _Search(opened, report, len(split(prefix)))
+    search = _Search(opened, report, len(split(prefix)) if prefix else 0)
     search.below(system, scope)
     found = sorted(search.found, key=lambda one: (-one.blocks, one.path))
     return replace(report, subsystems=tuple(found[:_MOST]))
@@ -60,22 +62,22 @@ class _Search:
             if block.system is None or not _is_plain(block):
                 continue
             inside = self.opened.models.get(block.model) or scope.within(block)
-            one = None if split(block.path)[self.depth :] in self.bad else self._tried(block, block.system, inside)
+            one = None if split(block.path)[self.depth :] in self.bad else self._tried(block, inside)
             if one is None:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
             elif one.blocks - len(one.inputs) - len(one.outputs) >= _SMALLEST:
                 self.found.append(one)
 
-    def _tried(self, block: Block, system: System, scope: Scope) -> Importable | None:
+    def _tried(self, block: Block, scope: Scope) -> Importable | None:
         """The subsystem as it is imported; None where it is not whole."""
-        if not any(system.of("Outport")):
+        if block.system is None or not any(block.system.of("Outport")):
             return None
         try:
-            work = Work(self.opened, self.opened.flat(system, scope))
+            work = Work(self.opened, self.opened.flat(content(block, scope)[0], scope))
             self.left -= len(work.flat.atoms)
             weaver = work.woven()
             report = work.report(weaver)
-        except InputError:
+        except (InputError, NoValueError):
             return None
         if not report.whole or report.unsupported:
             return None

@@ -142,7 +142,8 @@ class Block:
     those it states for all blocks of the type. `ports` is None where the file leaves them to the type (`ports_of`
     knows those of the types). `script` is the
     code of a MATLAB Function, `chart` that of any Stateflow block; `model` the file name of a referenced model.
-    `signals` are the names of output ports; `attached` names parts of the file that hold a parameter's value.
+    `signals` are the names of output ports; `attached` names parts of the file that hold a parameter's value; `lists`
+    are the parameters that are lists of texts.
     """
 
     type: str
@@ -160,6 +161,17 @@ class Block:
     model: str = ""
     signals: Mapping[int, str] = field(default_factory=dict)
     attached: Mapping[str, str] = field(default_factory=dict)
+    lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def listed(self, name: str) -> tuple[str, ...]:
+        """A parameter that is a list of texts; empty where no one states it.
+
+        >>> Block("VariantSource", "V", "1", "V", {"VariantControls": "{'a==1','a==2'}"}).listed("VariantControls")
+        ('a==1', 'a==2')
+        """
+        if name in self.lists:
+            return self.lists[name]
+        return tuple(re.findall(r"'((?:[^']|'')*)'", self.value(name) or ""))
 
     @property
     def elsewhere(self) -> str:

@@ -130,6 +130,9 @@ def _add(found: Variables, data: Data, source: str) -> None:
 
 
 def _variable(entry: Entry, source: str) -> Variable | None:
+    condition = entry.properties.get("Condition")
+    if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
+        return Variable({"Condition": condition}, source=source)
     value = _value(entry)
     if value is None:
         return None

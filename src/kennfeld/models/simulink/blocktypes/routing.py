@@ -280,3 +280,9 @@ def multiport_switch(site: Site) -> Wired:
         limit = site.constant(float(at + 1 + first))
         made = chosen(site, site.call("lt", index, limit), data[at], made)
     return made
+
+
+@block("Inactive", needs=lambda site: ())
+def inactive(site: Site) -> Wired:
+    """An output of a variant source or sink that is not active."""
+    raise UnsupportedError("what it gives here belongs to a variant that is not active")
