@@ -251,13 +251,16 @@ class _Flattening:
                 if atom.kind in ("DataStoreRead", "DataStoreWrite"):
                     atom.store = _store(level, atom.block)
             for sid, below in level.below.items():
-                if below.control is not None and below.control.block is below.holder:
-                    below.control.inputs = [self._controlling(level, sid, port) for port in below.control.special]
+                control = below.control
+                if control is not None and control.block is below.holder:
+                    control.inputs = [self._controlling(level, sid, port) for port in control.special]
 
     def _controlling(self, level: Level, sid: str, port: str) -> Source | None:
         """The source at a special port; that of a variant is at the subsystem around it."""
-        while level.passes and level.parent is not None and level.holder is not None:
-            level, sid = level.parent, level.holder.sid
+        while level.passes:
+            assert level.parent is not None
+            assert level.holder is not None
+            sid, level = level.holder.sid, level.parent
         return self.source(level, Endpoint(sid, port))
 
     def _inputs(self, level: Level, sid: str, atom: Atom) -> None:

@@ -20,7 +20,10 @@ Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of the model: its value, and what its source says of it. `source` names that source."""
+    """A variable of the model: its value, and what its source says of it.
+
+    `source` names that source; what is `fixed`, such as the members of an enumeration, is no parameter.
+    """
 
     value: Value
     lower: float = -np.inf
@@ -28,6 +31,7 @@ class Variable:
     unit: str = ""
     description: str = ""
     source: str = ""
+    fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.matlab.scripts import Files, run_script
+from kennfeld.models.simulink.enumerations import enumeration_of, is_class, variable_of
 from kennfeld.models.simulink.numbers import variable_from
 from kennfeld.models.simulink.scopes import Value, Variable
 from kennfeld.models.simulink.variables import Variables, mat_entries, same
@@ -21,7 +22,17 @@ def run(found: Variables, path: Path) -> None:
         text = path.read_bytes().decode("utf-8", "replace")
     except OSError as error:
         raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
-    run_text(found, text, path.name, path.parent)
+    if is_class(text):
+        _enumeration(found, text, path)
+    else:
+        run_text(found, text, path.name, path.parent)
+
+
+def _enumeration(found: Variables, text: str, path: Path) -> None:
+    made = enumeration_of(text)
+    if made is None:
+        raise InputError.of(path.name, "is a class, and none of whole numbers", "Give scripts and enumerations.")
+    found[made[0]] = variable_of(made[1], path.name)
 
 
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:

@@ -2,14 +2,11 @@
 
 import numpy as np
 
-from kennfeld.errors import InputError
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.expressions import NoValueError, fold
 from kennfeld.models.simulink.flatten import Source
 from kennfeld.models.simulink.signals import Bus, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.site import Site, cases_of
 
 
 @block("Control")
@@ -116,27 +113,14 @@ def if_block(site: Site) -> tuple[Wired, ...]:
 @block("SwitchCase", CaseConditions="{1}", ShowDefaultCase="on", CaseShowDefault="on", SampleTime="-1")
 def switch_case(site: Site) -> tuple[Wired, ...]:
     """For each output whether the input is among its cases; the last one where it is among none."""
-    u = site.input()
-    towards_zero = site.call("mul", site.call("sign", u), site.call("floor", site.call("abs", u)))
+    u = site.truncated(site.input())
     outputs: list[Wired] = []
     none = site.constant(1.0)
-    for cases in _cases(site):
-        holds = site.fold("or", [site.call("eq", towards_zero, site.constant(case)) for case in cases])
+    for cases in cases_of(site, "CaseConditions"):
+        holds = site.among(u, cases)
         outputs.append(site.call("and", none, holds))
         none = site.call("and", none, site.call("not", holds))
     return (*outputs, none)
-
-
-def _cases(site: Site) -> list[list[float]]:
-    text = site.text("CaseConditions")
-    try:
-        tree = parse_expression(text)
-    except InputError:
-        tree = m.Number(0.0)
-    if not isinstance(tree, m.CellArray):
-        raise UnsupportedError(f"CaseConditions is {text[:60]}, not a list of cases")
-    elements = [element for row in tree.rows for element in row]
-    return [[float(n) for n in site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel()] for one in elements]
 
 
 @block("Function-Call Generator", sample_time="1", numberOfIterations="1")
