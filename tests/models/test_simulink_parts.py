@@ -41,7 +41,7 @@ def engine():
 
 def test_the_largest_subsystems_that_are_whole_are_told(tmp_path):
     path = engine().write(tmp_path)
-    found = inspect_simulink(path, [{"a": 3.0, "b": 2.0}]).subsystems
+    found = inspect_simulink(path, parameters=[{"a": 3.0, "b": 2.0}]).subsystems
     assert [(one.path, one.blocks, one.inputs, one.outputs) for one in found] == [
         ("Outer/Within", 6, ("u",), ("y",)),
         ("Middle", 4, ("u",), ("y",)),
@@ -108,3 +108,8 @@ def test_a_conditional_subsystem_can_be_among_them(kind, tmp_path):
     path = drawn.write(tmp_path)
     assert "Sometimes" in [one.path for one in inspect_simulink(path).subsystems]
     np.testing.assert_allclose(run(simulink(path, "Sometimes"), {"u": U})["y"], 30 * U)
+
+
+def test_the_search_can_begin_at_a_subsystem(tmp_path):
+    report = inspect_simulink(engine().write(tmp_path), "Outer")
+    assert [one.path for one in report.subsystems] == ["Outer/Within"]

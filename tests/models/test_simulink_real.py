@@ -172,7 +172,7 @@ GEARS = {
     ],
 )
 def test_each_subsystem_that_is_told_to_be_whole_can_be_imported_and_run(file, given, largest):
-    report = inspect_simulink(DATA / file, [given])
+    report = inspect_simulink(DATA / file, parameters=[given])
     assert report.subsystems
     assert largest in ("", report.subsystems[0].path)
     for one in report.subsystems:

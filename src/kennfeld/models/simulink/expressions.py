@@ -348,6 +348,8 @@ class _Walk:
             raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
             raise NoValueError(f"{way[0]} is defined nowhere", ".".join(way))
+        if found.fixed and way[1] not in found.value:
+            raise NoValueError(f"{way[0]} has no member {way[1]}, but {', '.join(list(found.value)[:8])}")
         value = part_of(found.value, way)
         return self.of.variable(".".join(way), _like(found, value), self.live)
 

@@ -259,7 +259,7 @@ def cases_of(site: Site, name: str) -> list[list[float]]:
     try:
         found = [site.weaver.expressions.tree_numbers(one, site.atom.scope) for one in elements]
     except NoValueError as error:
-        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
     return [[float(n) for n in numbers.ravel()] for numbers in found]
 
 
