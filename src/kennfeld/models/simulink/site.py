@@ -237,10 +237,18 @@ class Site:
         before = self.remember(x, lambda _: x)
         zero = self.constant(0.0)
         rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
-        falling = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
-        if kind == "either":
-            return self.call("or", rising, falling)
-        return rising if kind == "rising" else falling
+        if kind == "rising":
+            return rising
+        falling = self._falling(before, x)
+        return self.call("or", rising, falling) if kind == "either" else falling
+
+    def _falling(self, before: Signal, x: Signal) -> Signal:
+        """1 where a signal falls to 0 or below; from 0 on only where it has not just fallen to it."""
+        zero = self.constant(0.0)
+        last = self.remember(self.call("sign", x), lambda was: self.select(self.call("ne", x, zero), x, was))
+        rests = self.call("and", self.call("eq", before, zero), self.call("le", last, zero))
+        again = self.call("and", rests, self.call("lt", x, zero))
+        return self.call("or", self.call("and", self.call("gt", before, zero), self.call("le", x, zero)), again)
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
