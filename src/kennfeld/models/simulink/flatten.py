@@ -14,7 +14,7 @@ from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
 from kennfeld.models.simulink.variants import Choosing, is_variant, labels_of, member, said, with_choice
 
-__all__ = ["Atom", "Flat", "Source", "flatten", "member_names"]
+__all__ = ["Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
 
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 _NESTED = ("SubSystem", "ModelReference")
@@ -398,6 +398,27 @@ def member_names(labels: Sequence[str], stated: str) -> list[str]:
         name = label or (listed[at] if at < len(listed) else "") or f"signal{at + 1}"
         names.append(f"{name}{at + 1}" if name in names else name)
     return names
+
+
+def controls(atom: Atom) -> Iterator[Atom]:
+    """The conditional subsystems around a block, from the inside."""
+    here = atom.control
+    while here is not None:
+        yield here
+        here = here.control
+
+
+def resets(control: Atom) -> bool:
+    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
+    for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
+        if port in control.special and (control.special[port].value(key) or "held") == "reset":
+            return True
+    trigger = control.special.get("trigger")
+    return (
+        trigger is not None
+        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
+        and "enable" in control.special
+    )
 
 
 def _priority(block: Block) -> int | None:

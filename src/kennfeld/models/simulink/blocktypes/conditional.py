@@ -2,24 +2,38 @@
 
 import numpy as np
 
+from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.expressions import NoValueError, fold
-from kennfeld.models.simulink.flatten import Source
+from kennfeld.models.simulink.flatten import Source, resets
 from kennfeld.models.simulink.signals import Bus, Signal, Wired
 from kennfeld.models.simulink.site import Site, cases_of
 
 
 @block("Control")
 def control(site: Site) -> tuple[Wired, ...]:
-    """Whether a conditional subsystem runs, and whether it does so after a pause."""
-    conditions = [_condition(site, port, site.input(at)) for at, port in enumerate(site.atom.special)]
-    active = site.weaver.at_major(site.fold("and", conditions))
+    """Whether a conditional subsystem runs, and whether the memories in it begin anew."""
+    special = list(site.atom.special)
+    conditions = [_condition(site, port, site.input(at)) for at, port in enumerate(special) if port != "reset"]
+    active = site.weaver.at_major(site.fold("and", conditions or [site.constant(1.0)]))
     outer = site.weaver.active(site.atom)
     if outer is not None:
         active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
-    before = site.weaver.always(site, site.constant(0.0), active)
-    begins = site.call("and", active, site.call("not", before))
-    return active, begins
+    return active, _restart(site, active)
+
+
+def _restart(site: Site, active: Signal) -> Signal:
+    """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset."""
+    around = site.weaver.restart(site.atom)
+    events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
+    if resets(site.atom):
+        before = site.weaver.always(site, site.constant(0.0), active)
+        events.append(site.call("and", active, site.call("not", before)))
+    if "reset" in site.atom.special:
+        port = site.atom.special["reset"]
+        signal = site.input(list(site.atom.special).index("reset"))
+        events.append(reset_signal(site, signal, port.value("ResetTriggerType") or "level"))
+    return site.fold("or", events) if events else site.constant(0.0)
 
 
 def _condition(site: Site, port: str, u: Signal) -> Signal:
@@ -30,8 +44,6 @@ def _condition(site: Site, port: str, u: Signal) -> Signal:
         return Signal(np.array([fold(site.loom, "or", truths.flat)], dtype=np.int64), u.period)
     if port == "ifaction":
         return site.call("ne", u, zero)
-    if port == "reset":
-        raise UnsupportedError("a resettable subsystem")
     kind = special.value("TriggerType") or "rising"
     if kind == "function-call":
         return site.call("ne", u, zero)
