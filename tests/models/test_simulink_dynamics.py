@@ -435,9 +435,11 @@ def test_an_enabled_subsystem_runs_where_its_control_is_above_0(states, output, 
 def test_a_triggered_subsystem_runs_at_the_edges_of_its_control(kind, tmp_path):
     drawn = conditional("TriggerPort", TriggerType=kind)
     found = run(imported(drawn, tmp_path), {"u": U, "c": C})["y"]
-    y, z = -1.0, 0.0
+    y, z, last = -1.0, 0.0, np.sign(C[0])
     for k, u in enumerate(U):
-        rising, falling = (k > 0 and C[k - 1] <= 0 < C[k]), (k > 0 and C[k - 1] >= 0 > C[k])
+        rising = k > 0 and C[k - 1] <= 0 < C[k]
+        falling = k > 0 and (C[k] <= 0 < C[k - 1] or (C[k - 1] == 0 > C[k] and last <= 0))
+        last = C[k] or last
         if {"rising": rising, "falling": falling, "either": rising or falling}[kind]:
             y = z = z + u
         assert found[k] == pytest.approx(y, abs=1e-13), k

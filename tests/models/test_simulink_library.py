@@ -329,5 +329,5 @@ def test_sizes_that_do_not_fit_are_told_with_the_block(tmp_path):
 
 def test_a_subsystem_whose_content_is_in_another_file_says_in_which(tmp_path):
     drawn = alone("SubSystem", ReferencedSubsystem="shared_part")
-    with pytest.raises(InputError, match="B: its content is in the file shared_part, which is not followed"):
+    with pytest.raises(InputError, match="B: its content is in the file shared_part, which was not found"):
         imported(drawn, tmp_path)

@@ -11,6 +11,7 @@ from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from kennfeld.models.simulink.parts import inspect_simulink
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public models in {DATA}")
@@ -150,6 +151,35 @@ def test_the_others_say_what_stops_them(file, told):
     with pytest.raises(InputError) as caught:
         simulink(DATA / file)
     assert any(told in str(finding) for finding in caught.value.findings)
+
+
+GEARS = {
+    "downth": [0.0, 50.0], "upth": [0.0, 50.0], "downtab": np.ones((2, 4)), "uptab": np.ones((2, 4)),
+    "speedratio": [0.0, 1.0], "torqueratio": [2.0, 1.0], "Kfactor": [100.0, 200.0], "nevec": [500.0, 6000.0],
+    "thvec": [0.0, 100.0], "emap": np.ones((2, 2)), "Iei": 0.02, "N20": 100.0, "Rfd": 3.0, "Rw": 1.0, "Iv": 12.0,
+    "Rload0": 40.0, "Rload2": 0.02, "gear_ratio": [[1.0, 2.4], [2.0, 1.5], [3.0, 1.0], [4.0, 0.7]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("file", "given", "largest"),
+    [
+        ("controller.slx", {}, "Controller/Pressure Control/Params Selector"),
+        ("Dyn_Vol_Line.slx", {}, "System Model/SystemModel/Subsystem"),
+        ("automatic_transmission.slx", GEARS, ""),
+        ("Autotrans_Model.mdl", {}, "Transmission/TransmissionRatio"),
+        ("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg"),
+    ],
+)
+def test_each_subsystem_that_is_told_to_be_whole_can_be_imported_and_run(file, given, largest):
+    report = inspect_simulink(DATA / file, parameters=[given])
+    assert report.subsystems
+    assert largest in ("", report.subsystems[0].path)
+    for one in report.subsystems:
+        model = simulink(DATA / file, one.path, [given])
+        assert len(model.graph.outputs) >= len(one.outputs)
+        found = run(model, {name: np.linspace(0.5, 1.5, 5) for name in model.graph.inputs}, dt=0.01, samples=5)
+        assert all(found[name].shape == (5,) for name in model.graph.outputs)
 
 
 def test_a_part_of_the_transmission_works_by_itself():

@@ -310,11 +310,11 @@ def _simulink(file: Path, subsystem: str, parameters: Sequence[str | Path]) -> C
     found = simulink.outline(file)
     as_json = {"content": "Simulink model", **found.as_dict()}
     tables, notes = model_tables(found), model_notes(found)
-    if found.kind == "model":
-        from kennfeld.models.simulink.importing import import_simulink  # all block types
+    if found.kind != "library":
+        from kennfeld.models.simulink.parts import inspect_simulink  # all block types
 
         try:
-            report = import_simulink(file, subsystem, parameters).report
+            report = inspect_simulink(file, subsystem or None, parameters)
         except InputError as error:  # nothing in it can be a function
             notes = [*notes, *(str(finding) for finding in error.findings)]
         else:

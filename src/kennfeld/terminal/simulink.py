@@ -63,7 +63,7 @@ def model_notes(found: Outline) -> list[str]:
 
 
 def import_tables(report: ImportReport) -> list[Rows]:
-    """Parameters with the sources of their values, variables without one, and blocks that cannot be built."""
+    """Where values come from, what has none, what cannot be built, and what can be imported by itself."""
     sources: Rows = [("parameter", "value from"), *report.sources.items()]
     valueless: Rows = [("variable without a value", "blocks", "needed by")]
     valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
@@ -73,7 +73,9 @@ def import_tables(report: ImportReport) -> list[Rows]:
         for several in report.groups
         for first in several[:1]
     ]
-    return [sources, valueless, missing]
+    parts: Rows = [("can be imported by itself", "blocks", "inputs", "outputs")]
+    parts += [(one.path, str(one.blocks), ", ".join(one.inputs), ", ".join(one.outputs)) for one in report.subsystems]
+    return [sources, valueless, missing, parts]
 
 
 def _listed(paths: Sequence[str], shown: int = 3) -> str:

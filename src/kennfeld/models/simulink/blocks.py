@@ -123,6 +123,7 @@ class Builder:
             model=_model(keys) if kind == "ModelReference" else "",
             signals=_signals(section),
             attached=dict(section.links),
+            lists=_lists(section),
         )
 
     def _enumerations(self, parameters: Mapping[str, str]) -> None:
@@ -226,6 +227,14 @@ def _signals(block: Section) -> dict[int, str]:
         if name and port.keys.get("Type", "out") == "out":
             names[_count(port.keys.get("Index") or port.keys.get("PortNumber", "1"))] = name
     return names
+
+
+def _lists(section: Section) -> dict[str, tuple[str, ...]]:
+    """The parameters that are arrays of texts, or one text a port."""
+    arrays = {part.keys.get("PropName", ""): part for part in section.all("Array")}
+    found = {name: tuple(one.text for one in part.parts if not one.parts) for name, part in arrays.items()}
+    given = {part.keys.get("ListType", ""): part.keys for part in section.all("List")}
+    return found | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in given.items()}
 
 
 def _reference(kind: str, parameters: Mapping[str, str], instance: Section | None) -> Reference | None:

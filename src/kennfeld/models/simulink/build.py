@@ -4,6 +4,7 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
-from kennfeld.models.simulink.flatten import Atom, Flat, Source
+from kennfeld.models.simulink.flatten import Atom, Flat, Source, controls, resets
 from kennfeld.models.simulink.integration import Integrated, advance
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
@@ -319,13 +320,22 @@ class Weaver:
     # memory
 
     def _resets(self, atom: Atom) -> bool:
-        return atom.control is not None and resets(atom.control)
+        """Whether the memory of a block begins anew with a subsystem around it."""
+        return any(resets(control) or "reset" in control.special for control in controls(atom))
 
     def active(self, atom: Atom) -> int | None:
         """The node that says whether a block runs; None where it always does."""
         if atom.control is None:
             return None
         found = self.value(Source(atom.control, 0))
+        node = int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
+        return None if node is None or self.loom.value(node) == 1 else node
+
+    def restart(self, atom: Atom) -> int | None:
+        """The node that says whether the memory of a block begins anew; None where it never does."""
+        if atom.control is None or not self._resets(atom):
+            return None
+        found = self.value(Source(atom.control, 1))
         return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
 
     def gate(self, atom: Atom, period: float) -> int | None:
@@ -444,11 +454,11 @@ class Weaver:
 
     def _restarted(self, atom: Atom, read: Signal, first: Nodes) -> Signal:
         """A memory that begins anew when the subsystem around it is enabled again."""
-        if atom.control is None or not self._resets(atom):
+        begins = self.restart(atom)
+        if begins is None:
             return read
-        begins = self.value(Source(atom.control, 1))
-        assert isinstance(begins, Signal)
-        return replace(read, nodes=each(self.loom, "select", begins.nodes, first, read.nodes))
+        runs = np.array([begins], dtype=np.int64)
+        return replace(read, nodes=each(self.loom, "select", runs, first, read.nodes))
 
     def _close(
         self,
@@ -542,12 +552,11 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
-    elsewhere = (atom.block.value("ReferencedSubsystem") or "").strip()
+    elsewhere = atom.block.elsewhere
     if elsewhere and atom.block.system is None:
-        return (
-            f"its content is in the file {elsewhere}, which is not followed",
-            "Put the content in its place, or bind it.",
-        )
+        stem = re.sub(r"\.(slx|mdl)\Z", "", elsewhere)
+        what = f"its content is in the file {elsewhere}, which was not found or does not fit"
+        return what, f"Put {stem}.slx beside the model, or bind it."
     if atom.block.type == "ModelReference":
         return (
             f"it runs the model {atom.block.model}, which was not found",
@@ -558,19 +567,6 @@ def unknown(atom: Atom) -> tuple[str, str]:
         library = (split(link.source) or ("",))[0]
         return f"it is a link into the library {library}, which was not found", f"Put {library}.slx beside the model."
     return f"blocks of type {atom.kind} are not supported", ""
-
-
-def resets(control: Atom) -> bool:
-    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
-    for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
-        if port in control.special and (control.special[port].value(key) or "held") == "reset":
-            return True
-    trigger = control.special.get("trigger")
-    return (
-        trigger is not None
-        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
-        and "enable" in control.special
-    )
 
 
 def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weaver:

@@ -250,7 +250,7 @@ class Expressions:
 
     def variable(self, name: str, found: Variable, live: bool) -> Held:
         """A variable, looked up or as constants; parts of a struct are told from each other by their names."""
-        if isinstance(found.value, np.ndarray) and live:
+        if isinstance(found.value, np.ndarray) and live and not found.fixed:
             return self.declared.array(self.loom, name, found)
         return self.constant(found.value)
 
@@ -350,6 +350,8 @@ class _Walk:
             raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
             raise NoValueError(f"{way[0]} is defined nowhere", ".".join(way))
+        if found.fixed and way[1] not in found.value:
+            raise NoValueError(f"{way[0]} has no member {way[1]}, but {', '.join(list(found.value)[:8])}")
         value = part_of(found.value, way)
         return self.of.variable(".".join(way), _like(found, value), self.live)
 
@@ -364,6 +366,8 @@ class _Walk:
         return _Walk(self.of, found.outside, self.live, {}).value(tree)
 
     def _call(self, tree: m.Call) -> Held:
+        if isinstance(tree.of, m.Name) and len(tree.arguments) == 1 and self._is_enumeration(tree.of.name):
+            return self.nodes(tree.arguments[0])
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
@@ -410,6 +414,11 @@ class _Walk:
     def _is_array(self, name: str) -> bool:
         return name in self.names or self.scope.find(name) is not None
 
+    def _is_enumeration(self, name: str) -> bool:
+        """Whether a name is that of an enumeration, which makes a member of a number."""
+        found = self.scope.find(name) if name not in self.names else None
+        return isinstance(found, Variable) and found.fixed and isinstance(found.value, Mapping)
+
     def _index(self, array: Nodes, tree: m.Call) -> Nodes:
         fixed = _Walk(self.of, self.scope, False, self.names)
         places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
@@ -444,7 +453,7 @@ def part_of(value: Value, way: list[str]) -> Value:
 
 
 def _like(found: Variable, value: Value) -> Variable:
-    return Variable(value, source=found.source)
+    return Variable(value, source=found.source, fixed=found.fixed)
 
 
 def _nodes(held: Held, text: str) -> Nodes:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from kennfeld.errors import Finding
 
-__all__ = ["ImportReport", "Unsupported"]
+__all__ = ["ImportReport", "Importable", "Unsupported"]
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,23 @@ class Unsupported:
 
 
 @dataclass(frozen=True)
+class Importable:
+    """A subsystem that can be imported by itself, with all of its blocks: how many, its inputs and its outputs."""
+
+    path: str
+    blocks: int
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ImportReport:
     """What became of a model's blocks.
 
     `total` counts the blocks that compute something, `supported` those that were built or could be. `substitutions` are
     sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
-    `frozen` are expressions whose variables are fixed, with the reason.
+    `frozen` are expressions whose variables are fixed, with the reason. `subsystems` are those that can be imported by
+    themselves, where that was asked for.
     """
 
     total: int
@@ -47,6 +58,7 @@ class ImportReport:
     frozen: dict[str, str]
     solver: str
     step: float | None
+    subsystems: tuple[Importable, ...] = ()
 
     @property
     def whole(self) -> bool:

@@ -21,9 +21,10 @@ Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of the model: its value, and what its source says of it. `source` names that source.
+    """A variable of the model: its value, and what its source says of it.
 
-    `axes` are those that a calibration file gives a table.
+    `source` names that source; `axes` are those that a calibration file gives a table. What is `fixed`, such as the
+    members of an enumeration, is no parameter.
     """
 
     value: Value
@@ -33,6 +34,7 @@ class Variable:
     description: str = ""
     source: str = ""
     axes: tuple[Axis, ...] = ()
+    fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.matlab.scripts import Files, run_script
+from kennfeld.models.simulink.enumerations import enumeration_of, is_class, variable_of
 from kennfeld.models.simulink.found import Variables, same
 from kennfeld.models.simulink.numbers import variable_from
 from kennfeld.models.simulink.scopes import Variable
@@ -17,7 +18,18 @@ _NAME = re.compile(r"[\w.-]{1,128}\Z")
 
 def run(found: Variables, path: Path) -> None:
     """Add the variables that a script makes; raises `InputError` where it cannot be read."""
-    run_text(found, _content(path).decode("utf-8", "replace"), path.name, path.parent)
+    text = _content(path).decode("utf-8", "replace")
+    if is_class(text):
+        _enumeration(found, text, path)
+    else:
+        run_text(found, text, path.name, path.parent)
+
+
+def _enumeration(found: Variables, text: str, path: Path) -> None:
+    made = enumeration_of(text)
+    if made is None:
+        raise InputError.of(path.name, "is a class, and none of whole numbers", "Give scripts and enumerations.")
+    found[made[0]] = variable_of(made[1], path.name)
 
 
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:

@@ -1,11 +1,14 @@
 """What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions import NoValueError, each
 from kennfeld.models.simulink.flatten import Atom
@@ -26,7 +29,7 @@ from kennfeld.models.simulink.unsupported import UnsupportedError
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
 
-__all__ = ["Site", "Then", "as_vector", "resized"]
+__all__ = ["Site", "Then", "as_vector", "cases_of", "resized"]
 
 Then = Callable[[Signal], Signal]
 
@@ -201,6 +204,15 @@ class Site:
     def _is(self, signal: Signal, value: float) -> bool:
         return all(self.loom.value(node) == value for node in signal.flat)
 
+    def truncated(self, x: Signal) -> Signal:
+        """A signal without what is behind its decimal point."""
+        return self.call("mul", self.call("sign", x), self.call("floor", self.call("abs", x)))
+
+    def among(self, x: Signal, values: Iterable[float]) -> Signal:
+        """1 where a signal is one of several values."""
+        equal = [self.call("eq", x, self.constant(value)) for value in values]
+        return self.fold("or", equal) if equal else self.constant(0.0)
+
     # time
 
     @property
@@ -245,13 +257,38 @@ class Site:
         before = self.remember(x, lambda _: x)
         zero = self.constant(0.0)
         rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
-        falling = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
-        if kind == "either":
-            return self.call("or", rising, falling)
-        return rising if kind == "rising" else falling
+        if kind == "rising":
+            return rising
+        falling = self._falling(before, x)
+        return self.call("or", rising, falling) if kind == "either" else falling
+
+    def _falling(self, before: Signal, x: Signal) -> Signal:
+        """1 where a signal falls to 0 or below; from 0 on only where it has not just fallen to it."""
+        zero = self.constant(0.0)
+        last = self.remember(self.call("sign", x), lambda was: self.select(self.call("ne", x, zero), x, was))
+        rests = self.call("and", self.call("eq", before, zero), self.call("le", last, zero))
+        again = self.call("and", rests, self.call("lt", x, zero))
+        return self.call("or", self.call("and", self.call("gt", before, zero), self.call("le", x, zero)), again)
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
+
+
+def cases_of(site: Site, name: str) -> list[list[float]]:
+    """A parameter that lists cases, `{1, [2 3], Gear.First}`: the values of each."""
+    text = site.text(name)
+    try:
+        tree = parse_expression(text)
+    except InputError:
+        tree = m.Number(0.0)
+    if not isinstance(tree, m.CellArray):
+        raise UnsupportedError(f"{name} is {text[:60]}, not a list of cases")
+    elements = [element for row in tree.rows for element in row]
+    try:
+        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope) for one in elements]
+    except NoValueError as error:
+        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
+    return [[float(n) for n in numbers.ravel()] for numbers in found]
 
 
 def as_vector(nodes: Nodes) -> Nodes:

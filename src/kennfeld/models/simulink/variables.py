@@ -10,6 +10,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.models.simulink.data import Data, Entry
 from kennfeld.models.simulink.data import Value as Stored
 from kennfeld.models.simulink.dictionary import read_dictionary
+from kennfeld.models.simulink.enumerations import beside, variable_of
 from kennfeld.models.simulink.found import Variables
 from kennfeld.models.simulink.scopes import Value, Variable, plain
 from kennfeld.models.simulink.scripts import run, run_text
@@ -25,11 +26,14 @@ Given: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
 def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     """The variables that a model's expressions may use.
 
-    Data dictionaries come first, then the code of the model's callbacks, then what is given in its order, then the
-    workspace of the model, which hides them;
-    values of calibration files and parameter sets go over all. Findings tell what could not be read.
+    Enumerations that blocks name and whose class files lie beside the model come first, then data dictionaries, then
+    the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides
+    them; values of calibration files and parameter sets go over all. Findings tell what could not be read.
     """
     found = Variables()
+    for name in document.enumerations:
+        enumeration = beside(document.path.parent, name)
+        found.update({name: enumeration} if enumeration is not None else {})
     for name in document.dictionaries:
         _dictionary(found, document.path.parent / name)
     over: list[ParameterSet] = []
@@ -78,7 +82,9 @@ def _bytes(path: Path) -> bytes:
 
 def _dictionary(found: Variables, path: Path) -> None:
     try:
-        _add(found, read_dictionary(path).data, path.name)
+        read = read_dictionary(path)
+        _add(found, read.data, path.name)
+        found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
     except InputError as error:
         found.findings += error.findings
 
@@ -117,6 +123,9 @@ def _add(found: Variables, data: Data, source: str) -> None:
 
 
 def _variable(entry: Entry, source: str) -> Variable | None:
+    condition = entry.properties.get("Condition")
+    if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
+        return Variable({"Condition": condition}, source=source)
     value = _value(entry)
     if value is None:
         return None

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["resetting"]
+__all__ = ["reset_signal", "resetting"]
 
 
 def resetting(site: Site) -> str:
@@ -52,7 +52,7 @@ def reset_signal(site: Site, u: Signal, kind: str) -> Signal:
     if kind == "level":
         before = site.remember(zero, lambda _: u)
         return site.call("or", site.call("ne", u, zero), site.call("ne", before, zero))
-    raise UnsupportedError(f"ExternalReset is {kind!r}, which is not supported")
+    raise UnsupportedError(f"its reset is {kind!r}, which is not supported")
 
 
 @block("TransferFcn", needs=lambda site: _through(site), Numerator="[1]", Denominator="[1 2 1]")

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.site import Site, cases_of
 
 
 @block("SignalConversion", "SignalSpecification", "RateTransition")
@@ -271,7 +271,9 @@ def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
        DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
 def multiport_switch(site: Site) -> Wired:
     """One of several inputs by the number at the first; the last one for any number beyond."""
-    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous")
+    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
+    if order == "Specify indices":
+        return _by_indices(site)
     first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
     index = site.input(0)
     data = [site.wired(at) for at in range(1, site.count)]
@@ -283,3 +285,23 @@ def multiport_switch(site: Site) -> Wired:
         limit = site.constant(float(at + 1 + first))
         made = chosen(site, site.call("lt", index, limit), data[at], made)
     return made
+
+
+def _by_indices(site: Site) -> Wired:
+    """One of several inputs by the cases that each is given; the last one, or one more behind it, for all others."""
+    cases = cases_of(site, "DataPortIndices")
+    data = [site.wired(at) for at in range(1, site.count)]
+    more = site.text("DataPortForDefault") == "Additional data port"
+    if len(data) != len(cases) + more or not data:
+        raise UnsupportedError(f"it has {len(data)} data ports for {len(cases)} indices")
+    index = site.truncated(site.input(0))
+    made = data[-1]
+    for case, one in reversed(list(zip(cases, data, strict=False))):
+        made = chosen(site, site.among(index, case), one, made)
+    return made
+
+
+@block("Inactive", needs=lambda site: ())
+def inactive(site: Site) -> Wired:
+    """An output of a variant source or sink that is not active."""
+    raise UnsupportedError("what it gives here belongs to a variant that is not active")
