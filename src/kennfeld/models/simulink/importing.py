@@ -14,7 +14,7 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.blocktypes.registry import KINDS
+from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
 from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
@@ -32,7 +32,15 @@ from kennfeld.models.simulink.variables import Given, Variables, variables_of
 __all__ = ["Imported", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
-_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
+_CONTINUOUS = {
+    "Integrator",
+    "PID 1dof",
+    "PID 2dof",
+    "SecondOrderIntegrator",
+    "StateSpace",
+    "TransferFcn",
+    "ZeroPole",
+}
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,7 @@ def import_simulink(
     cuts = _cuts(path, bind or {}, prefix)
     models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
     try:
-        flat = flatten(system, scope, cuts, frozenset(KINDS), models)
+        flat = flatten(system, scope, cuts, opaque(), models, frozenset(KINDS))
     except OverflowError as error:
         raise InputError.of(path.name, str(error)) from None
     remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
