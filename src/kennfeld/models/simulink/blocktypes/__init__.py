@@ -2,6 +2,7 @@
 
 from kennfeld.models.simulink.blocktypes import (
     arithmetic,
+    bits,
     conditional,
     continuous,
     controllers,
@@ -9,6 +10,7 @@ from kennfeld.models.simulink.blocktypes import (
     discrete,
     functions,
     logic,
+    matrices,
     nonlinear,
     ports,
     routing,
@@ -19,6 +21,7 @@ from kennfeld.models.simulink.blocktypes import (
 
 __all__ = [
     "arithmetic",
+    "bits",
     "conditional",
     "continuous",
     "controllers",
@@ -26,6 +29,7 @@ __all__ = [
     "discrete",
     "functions",
     "logic",
+    "matrices",
     "nonlinear",
     "ports",
     "routing",
