@@ -83,8 +83,8 @@ def test_places_may_be_signals(option, tmp_path):
 
 
 def test_a_matrix_takes_places_in_both_dimensions(tmp_path):
-    drawn = wide("Assignment", ("[2 3]", 1, 1), NumberOfDimensions="2",
-                 IndexOptions="Index vector (dialog),Index vector (port)", Indices="2,1", OutputSizes="1,1")  # fmt: skip
+    options = {"IndexOptions": "Index vector (dialog),Index vector (port)", "Indices": "2,1", "OutputSizes": "1,1"}
+    drawn = wide("Assignment", ("[2 3]", 1, 1), NumberOfDimensions="2", **options)
     place = np.array([1.0, 2, 3, 1, 2, 3])
     found = gathered(run(imported(drawn, tmp_path), columns(u1=M, u2=ONE, u3=place)))
     expected = M.copy()

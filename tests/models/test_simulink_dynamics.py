@@ -498,7 +498,7 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
             "InterpMethod is 'Cubic spline'",
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
-        ("Delay", {"DelayLengthSource": "Input port"}, "DelayLengthSource is 'Input port'"),
+        ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),
     ):
         with pytest.raises(InputError, match=told):
             imported(alone(kind, **options), tmp_path)
