@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run, slopes
+from simulink_runs import alone, crossings, imported, run, slopes
 
 from kennfeld.errors import InputError
 
@@ -54,12 +54,10 @@ def test_a_changing_delay_without_feedthrough_may_stand_in_a_loop(tmp_path):
 def test_a_delay_is_reset_to_its_initial_value(kind, layout, tmp_path):
     drawn = alone("Delay", 2, DelayLength="3", InitialCondition="[5 6 7]", ExternalReset=kind)
     y = run(imported(drawn, tmp_path, layout), {"u1": U, "u2": PULSE})["y1"]
-    line, before = [5.0, 6.0, 7.0], None
+    line, before, (up, down) = [5.0, 6.0, 7.0], None, crossings(PULSE)
     for k in range(COUNT):
         now = PULSE[k]
-        rising = before is not None and before <= 0 < now
-        falling = before is not None and before >= 0 > now
-        anew = {"Rising": rising, "Falling": falling, "Either": rising or falling, "Level hold": now != 0,
+        anew = {"Rising": up[k], "Falling": down[k], "Either": up[k] or down[k], "Level hold": now != 0,
                 "Level": now != 0 or (before is not None and before != 0)}[kind]  # fmt: skip
         if anew:
             line = [5.0, 6.0, 7.0]

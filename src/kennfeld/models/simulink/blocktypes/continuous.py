@@ -60,12 +60,12 @@ def _saturated(site: Site, y: Signal) -> Signal:
     return site.select(site.call("ge", y, high), site.constant(1.0), below)
 
 
-def reset_signal(site: Site, u: Signal, kind: str) -> Signal:
-    """1 where an external reset takes place."""
+def reset_signal(site: Site, u: Signal, kind: str, sampled: bool = False) -> Signal:
+    """1 where an external reset takes place; a `sampled` one looks at no more than whether a signal is positive."""
     u, zero = site.discrete(u), site.constant(0.0)
     kind = kind.casefold()
     if kind in ("rising", "falling", "either"):
-        return site.edge(u, kind)
+        return site.sampled_edge(u, kind) if sampled else site.edge(u, kind)
     if kind in ("level hold", "sampled level"):
         return site.call("ne", u, zero)
     if kind == "level":

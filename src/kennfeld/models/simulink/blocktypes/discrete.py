@@ -67,7 +67,7 @@ def discrete_integrator(site: Site) -> Wired | tuple[Wired, ...]:
     init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
     gain = site.parameter("gainval") if accumulates else site.call("mul", site.parameter("gainval"), _step(site))
     kind = resetting(site)
-    reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
+    reset = reset_signal(site, site.input(1), kind, sampled=True) if kind != "none" else None
     return with_ports(site, _added_up(site, method, gain, init, reset), reset)
 
 
