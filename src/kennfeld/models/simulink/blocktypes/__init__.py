@@ -2,6 +2,7 @@
 
 from kennfeld.models.simulink.blocktypes import (
     arithmetic,
+    attributes,
     bits,
     conditional,
     continuous,
@@ -15,13 +16,16 @@ from kennfeld.models.simulink.blocktypes import (
     nonlinear,
     ports,
     routing,
+    sequential,
     sources,
     stores,
     tables,
+    units,
 )
 
 __all__ = [
     "arithmetic",
+    "attributes",
     "bits",
     "conditional",
     "continuous",
@@ -35,7 +39,9 @@ __all__ = [
     "nonlinear",
     "ports",
     "routing",
+    "sequential",
     "sources",
     "stores",
     "tables",
+    "units",
 ]
