@@ -25,7 +25,7 @@ def drawn_as(inputs=1, kind="PID 1dof", solver="FixedStepDiscrete", **parameters
                  **WRITTEN, **parameters)  # fmt: skip
 
 
-def simulated(  # noqa: PLR0913
+def simulated(
     e, parts="PID", form="Parallel", windup="none", limits=(-np.inf, np.inf), within=(-np.inf, np.inf), tracked=None,
     reset=None, kb=3.0, kt=0.7, start=(0.0, 0.0), weights=None, gains=None,
 ):  # fmt: skip

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["applied", "passes", "reset_signal", "resetting", "scaled", "with_ports"]
+__all__ = ["applied", "passes", "rational", "reset_signal", "resetting", "scaled", "with_ports"]
 
 
 def resetting(site: Site) -> str:
@@ -80,11 +80,14 @@ def transfer_function(site: Site) -> Wired:
     numerator, denominator = site.matrix("Numerator"), site.matrix("Denominator").ravel()
     if numerator.shape[0] != 1:
         raise UnsupportedError("its numerator has several rows, for several outputs")
-    order = denominator.size - 1
-    b = _padded(site, [int(n) for n in numerator.ravel()], order + 1)
-    lead = int(denominator[0])
-    a = [scaled(site, int(node), lead) for node in denominator[1:]]
-    b = [scaled(site, node, lead) for node in b]
+    return rational(site, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
+
+
+def rational(site: Site, numerator: list[int], denominator: list[int]) -> Signal:
+    """The quotient of two polynomials in s, by their coefficients with the highest power first, from zero states."""
+    order = len(denominator) - 1
+    b = [scaled(site, node, denominator[0]) for node in _padded(site, numerator, order + 1)]
+    a = [scaled(site, node, denominator[0]) for node in denominator[1:]]
     if order == 0:
         return site.call("mul", _one(b[0]), site.input())
     A = np.full((order, order), site.loom.const(0.0), dtype=np.int64)

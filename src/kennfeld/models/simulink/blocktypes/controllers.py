@@ -71,14 +71,14 @@ def _needs(errors: int) -> Callable[[Site], Iterable[int]]:
     return needed
 
 
-@block("PID 1dof", needs=_needs(1), sample=_sample, **_DEFAULTS)
+@block("PID 1dof", needs=_needs(1), sample=_sample, **_DEFAULTS)  # type: ignore[arg-type]
 def pid(site: Site) -> Wired:
     """A PID controller of one degree of freedom."""
     e = site.input()
     return _Controller(site, _ports(site, 1)).output(e, e, e)
 
 
-@block("PID 2dof", needs=_needs(2), sample=_sample, b="1", c="1", **_DEFAULTS)
+@block("PID 2dof", needs=_needs(2), sample=_sample, b="1", c="1", **_DEFAULTS)  # type: ignore[arg-type]
 def pid_with_set_point(site: Site) -> Wired:
     """A PID controller of two degrees of freedom: b r - y for P, r - y for I, c r - y for D."""
     if site.text("ControllerParametersSource") == "external":
@@ -175,7 +175,7 @@ class _Controller:
         site = self.site
         if site.on("TrackingMode") or (site.on("LimitOutput") and site.text("AntiWindupMode") != "none"):
             raise UnsupportedError(
-                f"its integral ({site.text('IntegratorMethod')}) and what its limits feed back need each other in one step",
+                f"its integral ({site.text('IntegratorMethod')}) and what is fed back need each other in one step",
                 "Use Forward Euler for the integral.",
             )
         return step()

@@ -123,7 +123,7 @@ def discrete_transfer_function(site: Site) -> Wired:
     if b.size > a.size:
         raise UnsupportedError("the order of its numerator is above that of its denominator")
     zero = site.loom.const(0.0)
-    return _direct_form(site, [zero] * (a.size - b.size) + b.flat, a.flat)
+    return _filtered(site, [zero] * (a.size - b.size) + b.flat, a.flat)
 
 
 @block("DiscreteFilter", needs=_filter_needs, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
@@ -134,7 +134,7 @@ def discrete_filter(site: Site) -> Wired:
     b, a = _coefficients(site)
     size = max(b.size, a.size)
     zero = site.loom.const(0.0)
-    return _direct_form(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
+    return _filtered(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
 
 
 @block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", ExternalReset="None",
@@ -145,7 +145,7 @@ def fir_filter(site: Site) -> Wired:
     if site.on("ShowEnablePort"):
         raise UnsupportedError("it has an enable port")
     b = site.parameter("Coefficients").flat
-    return _direct_form(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
+    return _filtered(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
 
 
 def _coefficients(site: Site) -> tuple[Signal, Signal]:
@@ -155,12 +155,20 @@ def _coefficients(site: Site) -> tuple[Signal, Signal]:
     return site.parameter("Numerator"), site.parameter("Denominator")
 
 
-def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
-    """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element."""
+def _filtered(site: Site, b: list[int], a: list[int]) -> Signal:
+    kind = resetting(site)
+    anew = reset_signal(site, site.input(1), kind) if kind != "none" else None
+    return direct_form(site, b, a, site.parameter("InitialStates"), anew)
+
+
+def direct_form(site: Site, b: list[int], a: list[int], inits: Signal, anew: Signal | None = None) -> Signal:
+    """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element.
+
+    `inits` are the states at first, and where they begin `anew`.
+    """
     order = len(a) - 1
     lead = a[0]
     a, b = ([scaled(site, node, lead) for node in one] for one in (a, b))
-    inits = site.parameter("InitialStates")
     if inits.size not in (1, order) and order:
         raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")
     first = [Signal(np.array([node], dtype=np.int64)) for node in inits.flat] * (order if inits.size == 1 else 1)
@@ -179,9 +187,7 @@ def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
         return made[0]
 
     states += [site.remember(first[at], following(at)) for at in range(order)]
-    kind = resetting(site)
-    if kind != "none":
-        anew = reset_signal(site, site.input(1), kind)
+    if anew is not None:
         states[:] = [site.select(anew, one, state) for one, state in zip(first, states, strict=True)]
     terms = [site.call("mul", _single(node), state) for node, state in zip(b[1:], states, strict=True)]
     if site.loom.value(b[0]) != 0:
