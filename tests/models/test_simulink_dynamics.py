@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 from simulink_files import Model
-from simulink_runs import alone, imported, run, slopes
+from simulink_runs import alone, crossings, imported, run, slopes
 
 from kennfeld.errors import InputError
 
@@ -413,7 +413,7 @@ def conditional(port, states="held", output="held", inside="UnitDelay", **option
     return drawn
 
 
-C = np.array([0, 1, 1, 0, -1, 2, 0, 0, 1, 1] * 4, dtype=float)
+C = np.array([0, 1, 1, 0, -1, 2, 0, 0, 1, 1, -1, 0, 3, 0, 0, -2, 0, 0, -1, 0] * 2, dtype=float)
 
 
 @pytest.mark.parametrize("states", ["held", "reset"])
@@ -435,14 +435,23 @@ def test_an_enabled_subsystem_runs_where_its_control_is_above_0(states, output, 
 def test_a_triggered_subsystem_runs_at_the_edges_of_its_control(kind, tmp_path):
     drawn = conditional("TriggerPort", TriggerType=kind)
     found = run(imported(drawn, tmp_path), {"u": U, "c": C})["y"]
-    y, z, last = -1.0, 0.0, np.sign(C[0])
+    y, z, (up, down) = -1.0, 0.0, crossings(C)
     for k, u in enumerate(U):
-        rising = k > 0 and C[k - 1] <= 0 < C[k]
-        falling = k > 0 and (C[k] <= 0 < C[k - 1] or (C[k - 1] == 0 > C[k] and last <= 0))
-        last = C[k] or last
-        if {"rising": rising, "falling": falling, "either": rising or falling}[kind]:
+        if {"rising": up[k], "falling": down[k], "either": up[k] or down[k]}[kind]:
             y = z = z + u
         assert found[k] == pytest.approx(y, abs=1e-13), k
+
+
+@pytest.mark.parametrize("kind", ["rising", "falling", "either"])
+def test_a_discrete_integrator_is_reset_where_a_signal_begins_or_ceases_to_be_positive(kind, tmp_path):
+    drawn = alone("DiscreteIntegrator", 2, SampleTime="0.1", ExternalReset=kind, InitialCondition="1")
+    found = run(imported(drawn, tmp_path), {"u1": U, "u2": C})["y1"]
+    x = 1.0
+    for k, u in enumerate(U):
+        rising, falling = k > 0 and C[k - 1] <= 0 < C[k], k > 0 and C[k - 1] > 0 >= C[k]
+        x = 1.0 if {"rising": rising, "falling": falling, "either": rising or falling}[kind] else x
+        assert found[k] == pytest.approx(x, abs=1e-13), k
+        x += T * u
 
 
 def test_an_if_block_runs_one_of_its_subsystems_and_merge_takes_the_last(tmp_path):
@@ -514,7 +523,7 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
             "InterpMethod is 'Cubic spline'",
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
-        ("Delay", {"DelayLengthSource": "Input port"}, "DelayLengthSource is 'Input port'"),
+        ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),
     ):
         with pytest.raises(InputError, match=told):
             imported(alone(kind, **options), tmp_path)

@@ -176,9 +176,8 @@ class Weaver:
         outputs = self._values.get(source.atom)
         if outputs is None:
             raise UnsupportedError(f"its input from {source.atom.path} comes too late")
-        if not 0 <= source.port < len(outputs):
-            return self._nan()
-        return outputs[source.port]
+        port = len(outputs) - 1 if source.port < 0 else source.port  # a state port is the last output
+        return outputs[port] if port < len(outputs) else self._nan()
 
     def outputs(self, atom: Atom) -> tuple[Wired, ...]:
         """The outputs of a block that has been built; none of others."""

@@ -377,6 +377,8 @@ class _Walk:
             return np.array([[self.loom.const(float(size))]], dtype=np.int64)
         if name in _SHAPES:
             return self._shaped(name, tree.arguments)
+        if any(isinstance(argument, m.Text) for argument in tree.arguments):
+            raise _BeyondGraphError(f"the function {name} takes a text")
         args = [self.nodes(argument) for argument in tree.arguments]
         made = _function(self.loom, name, args)
         if made is None:

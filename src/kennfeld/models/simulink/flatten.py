@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from kennfeld.models.simulink.expressions import NoValueError
+from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
+from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
 from kennfeld.models.simulink.variants import Choosing, is_variant, labels_of, member, said, with_choice
 
 __all__ = ["Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
@@ -117,13 +118,16 @@ def flatten(
     cuts: Mapping[str, str],
     opaque: frozenset[str] = frozenset(),
     models: Mapping[str, Scope] | None = None,
+    known: frozenset[str] = frozenset(),
 ) -> Flat:
     """The blocks of a system and of all below it.
 
     `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
     blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
+    `known` are all types of blocks; a link to Simulink's own library of a type that is not among them goes by the name
+    that the block has there.
     """
-    work = _Flattening(cuts, opaque, models or {})
+    work = _Flattening(cuts, opaque, models or {}, known)
     root = work.level(system, (), scope, None, None, None)
     work.connect()
     ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
@@ -132,8 +136,11 @@ def flatten(
 
 
 class _Flattening:
-    def __init__(self, cuts: Mapping[str, str], opaque: frozenset[str], models: Mapping[str, Scope]) -> None:
+    def __init__(
+        self, cuts: Mapping[str, str], opaque: frozenset[str], models: Mapping[str, Scope], known: frozenset[str]
+    ) -> None:
         self.models = models
+        self.known = known
         self.cuts = cuts
         self.opaque = opaque
         self.atoms: list[Atom] = []
@@ -181,7 +188,7 @@ class _Flattening:
                 self._atom(level, block, "Held")
         else:
             closed = block.type in _NESTED and block.system is not None
-            self._atom(level, block, _kind(block), why if closed else "")
+            self._atom(level, block, _kind(block, self.known), why if closed else "")
 
     def _variant(self, level: Level, block: Block) -> None:
         """A block of variants: only the active one is left of it."""
@@ -443,11 +450,14 @@ def _around(level: Level) -> Iterator[Level]:
         here = here.parent
 
 
-def _kind(block: Block) -> str:
+def _kind(block: Block, known: frozenset[str]) -> str:
     if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
-        return f"{block.reference.type or block.reference.source}"
+        link = block.reference
+        last = (split(link.source) or ("",))[-1]
+        by_name = link.type not in known and is_of_simulink(link.source) and last in known
+        return last if by_name else f"{link.type or link.source}"
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type
     return block.type

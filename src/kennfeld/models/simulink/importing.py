@@ -14,7 +14,7 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.blocktypes.registry import KINDS
+from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
 from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
@@ -34,7 +34,15 @@ __all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _SHOWING = ("Scope", "Floating Scope", "Display", "ToFile", "XYGraph")
-_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
+_CONTINUOUS = {
+    "Integrator",
+    "PID 1dof",
+    "PID 2dof",
+    "SecondOrderIntegrator",
+    "StateSpace",
+    "TransferFcn",
+    "ZeroPole",
+}
 
 
 @dataclass(frozen=True)
@@ -130,7 +138,7 @@ class Opened:
     def flat(self, system: System, scope: Scope, cuts: Mapping[str, str] = MappingProxyType({})) -> Flat:
         """The blocks of one of its systems; raises `InputError` where there are too many."""
         try:
-            return flatten(system, scope, cuts, frozenset(KINDS), self.models)
+            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS))
         except OverflowError as error:
             raise InputError.of(self.path.name, str(error)) from None
 

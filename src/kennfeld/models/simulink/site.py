@@ -253,22 +253,37 @@ class Site:
         return self.weaver.integrate(self, self.memories, init, slope, reset, limits)
 
     def edge(self, x: Signal, kind: str) -> Signal:
-        """1 where a signal crosses zero in the way of a trigger: rising, falling, either."""
-        before = self.remember(x, lambda _: x)
-        zero = self.constant(0.0)
-        rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
-        if kind == "rising":
-            return rising
-        falling = self._falling(before, x)
-        return self.call("or", rising, falling) if kind == "either" else falling
+        """1 where a signal crosses zero in the way of a trigger: rising, falling, either.
 
-    def _falling(self, before: Signal, x: Signal) -> Signal:
-        """1 where a signal falls to 0 or below; from 0 on only where it has not just fallen to it."""
-        zero = self.constant(0.0)
-        last = self.remember(self.call("sign", x), lambda was: self.select(self.call("ne", x, zero), x, was))
-        rests = self.call("and", self.call("eq", before, zero), self.call("le", last, zero))
-        again = self.call("and", rests, self.call("lt", x, zero))
-        return self.call("or", self.call("and", self.call("gt", before, zero), self.call("le", x, zero)), again)
+        A signal that comes to rest at zero has crossed it; where it leaves zero on the other side, it has so once.
+        """
+        before = self.remember(self.call("sign", x), lambda before: self._side(before, x))
+        zero, one = self.constant(0.0), self.constant(1.0)
+        rests = self.call("eq", x, zero)
+        up = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
+        down = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
+        rising = self.call("or", up, self.call("and", self.call("eq", before, self.constant(-1.0)), rests))
+        falling = self.call("or", down, self.call("and", self.call("eq", before, one), rests))
+        return self._of_kind(kind, rising, falling)
+
+    def _side(self, before: Signal, x: Signal) -> Signal:
+        """The sign of a signal; at zero half of the sign of the way on which it came there in this step."""
+        half = self.call("mul", self.constant(-0.5), before)
+        arrived = self.select(self.call("eq", self.call("abs", before), self.constant(1.0)), half, self.constant(0.0))
+        return self.select(self.call("eq", x, self.constant(0.0)), arrived, self.call("sign", x))
+
+    def sampled_edge(self, x: Signal, kind: str) -> Signal:
+        """1 where a signal begins to be positive (rising), ceases to be so (falling), or does either."""
+        before = self.call("gt", self.remember(x, lambda _: x), self.constant(0.0))
+        now = self.call("gt", x, self.constant(0.0))
+        rising = self.call("and", now, self.call("not", before))
+        falling = self.call("and", before, self.call("not", now))
+        return self._of_kind(kind, rising, falling)
+
+    def _of_kind(self, kind: str, rising: Signal, falling: Signal) -> Signal:
+        if kind == "either":
+            return self.call("or", rising, falling)
+        return rising if kind == "rising" else falling
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
