@@ -184,6 +184,23 @@ def test_sources(tmp_path):
     np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
 
 
+@pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
+def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
+    drawn = Model(step="0.01", solver="FixedStepDiscrete")
+    scale = 1.0 if units == "Hertz" else 2 * np.pi
+    for form in ("sine", "square"):
+        drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
+                    Units=units)  # fmt: skip
+        drawn.outport(f"y {form}")
+        drawn.line(form, f"y {form}")
+    model = imported(drawn, tmp_path, parameters=[{"A": 2.5}])
+    found, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
+    np.testing.assert_allclose(found["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
+    np.testing.assert_array_equal(found["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
+
+
 def test_a_transport_delay_interpolates_between_steps(tmp_path):
     found = first("TransportDelay", tmp_path, DelayTime="0.25", InitialOutput="2")
     padded = np.concatenate([[2.0] * 3, U])
@@ -499,6 +516,7 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
         ("Delay", {"DelayLengthSource": "Input port"}, "DelayLengthSource is 'Input port'"),
+        ("SignalGenerator", {"WaveForm": "sawtooth"}, "WaveForm is 'sawtooth'"),
     ):
         with pytest.raises(InputError, match=told):
             imported(alone(kind, **options), tmp_path)

@@ -1,5 +1,7 @@
 """Signals made from nothing but time and parameters."""
 
+import math
+
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, block
@@ -81,8 +83,25 @@ def pulses(site: Site) -> Wired:
     return site.weaver.at_major(made)
 
 
-@block("FromWorkspace", "FromFile", "Signal Editor", "SignalGenerator", "RandomNumber", "UniformRandomNumber",
-       "Random Number", "Sigbuilder block", "Repeating table", "Band-Limited White Noise.")  # fmt: skip
+@block("SignalGenerator", WaveForm="sine", TimeSource="Use simulation time", Amplitude="1", Frequency="1",
+       Units="Hertz")  # fmt: skip
+def signal_generator(site: Site) -> Wired:
+    """A sine, or a square wave that begins with its lower half."""
+    form = site.chosen("WaveForm", "sine", "square")
+    site.chosen("TimeSource", "Use simulation time")
+    amplitude, frequency = site.parameter("Amplitude"), site.parameter("Frequency")
+    whole = site.constant(2 * math.pi)
+    in_hertz = site.chosen("Units", "Hertz", "rad/sec") == "Hertz"
+    if form == "sine":
+        angle = site.call("mul", site.call("mul", frequency, whole) if in_hertz else frequency, site.time)
+        return site.call("mul", amplitude, site.call("sin", angle))
+    turns = site.call("mul", frequency if in_hertz else site.call("div", frequency, whole), site.time)
+    upper = site.call("ge", site.call("sub", turns, site.call("floor", turns)), site.constant(0.5))
+    return site.select(upper, amplitude, site.call("neg", amplitude))
+
+
+@block("FromWorkspace", "FromFile", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
+       "Sigbuilder block", "Repeating table", "Band-Limited White Noise.")  # fmt: skip
 def recorded(site: Site) -> Wired:
     """A signal that is not in the model."""
     mend = "Bind it to a channel of the measurement, which takes its place."
