@@ -12,7 +12,10 @@ from typing import NamedTuple
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
 
-__all__ = ["Atom", "Flat", "Source", "flatten", "member_names"]
+__all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "flatten", "member_names"]
+
+STATE = -1  # the number of a state port among the outputs of its block
+SHOWING = ("Scope", "Display", "ToFile", "XYGraph")
 
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 _NESTED = ("SubSystem", "ModelReference")
@@ -21,7 +24,7 @@ _MOST = 100_000  # blocks, all instances of libraries counted
 
 
 class Source(NamedTuple):
-    """Where a wire begins: a block and its output, counted from 0."""
+    """Where a wire begins: a block and its output, counted from 0, or its state port."""
 
     atom: "Atom"
     port: int
@@ -63,6 +66,16 @@ class Flat:
     inports: list[Atom]
     outports: list[Atom]
     remarks: list[str] = field(default_factory=list)
+
+    @property
+    def recorded(self) -> list[Atom]:
+        """The blocks that record a signal."""
+        return [atom for atom in self.atoms if atom.kind == "ToWorkspace"]
+
+    @property
+    def results(self) -> list[Atom]:
+        """The blocks whose signals are the outputs: outports, else what records, else what shows or writes signals."""
+        return self.outports or self.recorded or [atom for atom in self.atoms if atom.kind in SHOWING]
 
 
 class Level:
@@ -251,7 +264,7 @@ class _Flattening:
         if (picked := self._picked(here, source)) is not None:
             return self.source(*picked)
         if (atom := here.atoms.get(source.block)) is not None:
-            port = {"out": source.number - 1, "state": -1}.get(source.port)
+            port = {"out": source.number - 1, "state": STATE}.get(source.port)
             return None if port is None else Source(atom, port)
         below = here.below.get(source.block)
         if below is not None:

@@ -220,18 +220,19 @@ class _Import:
     # the graph
 
     def imported(self) -> Imported:
-        outputs = self.flat.outports
-        recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
-        weaver = self._woven(outputs or recorded)
-        if outputs and recorded and not self._stops(weaver):
-            more = self._woven([*outputs, *recorded])
+        flat = self.flat
+        weaver = self._woven(flat.results)
+        if flat.outports and flat.recorded and not self._stops(weaver):
+            more = self._woven([*flat.outports, *flat.recorded])
             weaver = more if not self._stops(more) else weaver
         report = self._report(weaver)
         return Imported(self._model(weaver) if report.whole else None, report)
 
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:
-            raise InputError.of(self.path.name, "it has no outport, so that nothing is computed", "Import a subsystem.")
+            raise InputError.of(
+                self.path.name, "it has no outport and no scope, so that nothing is computed", "Import a subsystem."
+            )
 
         def make(guesses: Guesses) -> Weaver:
             return Weaver(self.flat, self.clock, self.promote, self._give, guesses)

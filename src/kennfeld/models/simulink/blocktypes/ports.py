@@ -3,6 +3,7 @@
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.flatten import SHOWING
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
@@ -35,13 +36,19 @@ def bound(site: Site) -> Wired | tuple[Wired, ...]:
 
 
 @block(
-    "Scope", "Terminator", "Display", "ToFile", "Stop", "Floating Scope", "XYGraph", "Assertion", "DocBlock",
-    "Model Info", "DataTypeDuplicate", "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
+    "Terminator", "Stop", "Floating Scope", "Assertion", "DocBlock", "Model Info", "DataTypeDuplicate",
+    "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
     needs=lambda site: (), sink=True,
 )  # fmt: skip
 def sink(site: Site) -> Wired:
     """Nothing: it only shows or checks."""
     return site.constant()
+
+
+@block(*SHOWING, sink=True)
+def shown(site: Site) -> tuple[Wired, ...]:
+    """The signals that it shows or writes."""
+    return tuple(site.wired(at) for at in range(site.count))
 
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")
