@@ -37,9 +37,8 @@ def integrator(site: Site) -> Wired:
     if site.on("LimitOutput"):
         limits = (site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit"))
     reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
-    x = site.integrate(init, lambda _: site.input(0), reset, limits)
-    y = x if limits is None else site.clip(x, *limits)
-    return (y, y) if site.on("ShowStatePort") else y  # type: ignore[return-value]
+    x = site.integrate(init, lambda _: site.input(0), reset, limits, ported=True)
+    return x if limits is None else site.clip(x, *limits)
 
 
 def reset_signal(site: Site, u: Signal, kind: str) -> Signal:

@@ -109,9 +109,8 @@ def _discrete_integrator_needs(site: Site) -> Iterable[int]:
        ShowSaturationPort="off", ShowStatePort="off", SampleTime="1")  # fmt: skip
 def discrete_integrator(site: Site) -> Wired:
     """K T u added up: with the rectangle before, the one behind, or the trapezium."""
-    for unusual in ("ShowSaturationPort", "ShowStatePort"):
-        if site.on(unusual):
-            raise UnsupportedError(f"{unusual} is on, which is not supported")
+    if site.on("ShowSaturationPort"):
+        raise UnsupportedError("ShowSaturationPort is on, which is not supported")
     method, accumulates = _method(site)
     external = site.text("InitialConditionSource") == "external"
     init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
@@ -143,7 +142,7 @@ def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal
     def then(_: Signal) -> Signal:
         return made[0] if method == "backward" else limited(site.call("add", made[0], increment()))
 
-    x = site.remember(init, then)
+    x = site.remember(init, then, ported=True)
     anew = limited(init)
     y = x if method == "forward" else site.call("add", x, increment())
     if method != "forward" and site.text("InitialConditionSetting") in ("Output", "State and output"):
