@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
 
@@ -130,6 +131,7 @@ def flatten(
     blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
     """
     work = _Flattening(cuts, opaque, models or {})
+    system = in_use(system)
     root = work.level(system, (), scope, None, None, None)
     work.connect()
     ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
@@ -200,6 +202,7 @@ class _Flattening:
         return f"a subsystem that runs several times in a step ({loop.type})" if loop is not None else ""
 
     def _enter(self, level: Level, block: Block, system: System) -> None:
+        system = in_use(system)
         special = {_SPECIAL[b.type]: b for b in system.of(*_SPECIAL)}
         control = level.control
         if special:
