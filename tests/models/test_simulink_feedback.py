@@ -175,6 +175,25 @@ def test_a_matrix_behind_an_integrator_gives_it_its_width(tmp_path):
         x = x + T * (A @ x + B @ u[k])
 
 
+def test_a_demux_or_a_matrix_gives_an_inport_its_width(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    for name in ("u", "v"):
+        drawn.inport(name)
+    drawn.block("Demux", "D", ports=(1, 2), Outputs="2")
+    drawn.block("Gain", "K", ports=(1, 1), Gain="[1 2 3]", Multiplication="Matrix(K*u)")
+    drawn.block("Sum", "S", ports=(3, 1), Inputs="+-+")
+    drawn.outport("y")
+    drawn.line("u", "D")
+    drawn.line("v", "K")
+    for port, source in enumerate(("D:1", "D:2", "K"), 1):
+        drawn.line(source, f"S:{port}")
+    drawn.line("S", "y")
+    model = imported(drawn, tmp_path)
+    assert set(model.graph.inputs) == {"u[1]", "u[2]", "v[1]", "v[2]", "v[3]"}
+    columns = {name: np.full(2, value) for name, value in zip(sorted(model.graph.inputs), range(5), strict=True)}
+    assert run(model, columns)["y"][0] == 0 - 1 + 2 + 2 * 3 + 3 * 4
+
+
 def test_a_matrix_times_a_scalar_memory_is_a_matrix(tmp_path):
     drawn = alone("UnitDelay", InitialCondition="2", SampleTime="-1")
     drawn.block("Gain", "K", ports=(1, 1), Gain="[1 2; 3 4]", Multiplication="Matrix(K*u)")

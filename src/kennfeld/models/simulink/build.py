@@ -28,7 +28,7 @@ from kennfeld.models.simulink.tree import split
 
 __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
-UNFIT = (ValueError, IndexError, TypeError, ArithmeticError)
+UNFIT = (ValueError, IndexError, TypeError, ArithmeticError, NoValueError)
 _MOST_PASSES = 500
 
 
@@ -456,9 +456,14 @@ class Weaver:
         return [self.loom.state(latency) for _ in range(first.size)]
 
     def wish(self, atom: Atom, shape: tuple[int, ...]) -> None:
-        """Note the shape that a block asks of the memory before it, in case that no input gives it one."""
+        """Note the shape that a block asks of the memory or input before it, in case that no input gives it one."""
         if atom in self._scalars:
             self.wishes.setdefault(self._scalars[atom], shape)
+
+    def open_shape(self, atom: Atom) -> tuple[int, ...]:
+        """The shape of an input that states none: a scalar, or what is asked of it."""
+        self._scalars.setdefault(atom, (atom, 0))
+        return self.guesses.shapes.get((atom, 0), (1,))
 
     def _shape(self, key: tuple[Atom, int], init: Signal) -> tuple[int, ...]:
         """The shape of a memory: as an earlier pass found it, else that of its initial value."""

@@ -134,7 +134,11 @@ def _cases(site: Site) -> list[list[float]]:
     if not isinstance(tree, m.CellArray):
         raise UnsupportedError(f"CaseConditions is {text[:60]}, not a list of cases")
     elements = [element for row in tree.rows for element in row]
-    return [[float(n) for n in site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel()] for one in elements]
+    try:
+        values = [site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel() for one in elements]
+    except NoValueError as error:
+        raise UnsupportedError(f"its cases {text[:60]} have no value: {error}") from None
+    return [[float(n) for n in one] for one in values]
 
 
 @block("Function-Call Generator", sample_time="1", numberOfIterations="1")

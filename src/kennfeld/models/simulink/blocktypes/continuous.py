@@ -63,8 +63,8 @@ def transfer_function(site: Site) -> Wired:
     order = denominator.size - 1
     b = _padded(site, [int(n) for n in numerator.ravel()], order + 1)
     lead = int(denominator[0])
-    a = [_over(site, int(node), lead) for node in denominator[1:]]
-    b = [_over(site, node, lead) for node in b]
+    a = [over(site, int(node), lead) for node in denominator[1:]]
+    b = [over(site, node, lead) for node in b]
     if order == 0:
         return site.call("mul", _one(b[0]), site.input())
     A = np.full((order, order), site.loom.const(0.0), dtype=np.int64)
@@ -88,8 +88,9 @@ def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
     return [site.loom.const(0.0)] * (count - len(nodes)) + nodes
 
 
-def _over(site: Site, node: int, lead: int) -> int:
-    return site.loom.call("div", node, lead)
+def over(site: Site, node: int, lead: int) -> int:
+    """A coefficient over the leading one; 0 stays the constant that it is, so that nothing seems to be fed through."""
+    return node if site.loom.value(node) == 0 else site.loom.call("div", node, lead)
 
 
 def _one(node: int) -> Signal:

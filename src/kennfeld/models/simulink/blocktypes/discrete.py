@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.continuous import applied, reset_signal, resetting
+from kennfeld.models.simulink.blocktypes.continuous import applied, over, reset_signal, resetting
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site, Then
@@ -200,7 +200,7 @@ def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
     """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element."""
     order = len(a) - 1
     lead = a[0]
-    a, b = ([site.loom.call("div", node, lead) for node in one] for one in (a, b))
+    a, b = ([over(site, node, lead) for node in one] for one in (a, b))
     inits = site.parameter("InitialStates")
     if inits.size not in (1, order) and order:
         raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")

@@ -13,7 +13,8 @@ def inport(site: Site) -> Wired:
     """A channel; one for each element where the port says that it is a vector."""
     shape: tuple[int, ...] = (1,)
     if site.atom.kind == "Inport":
-        shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0) or (1,)
+        shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0)
+        shape = shape or site.weaver.open_shape(site.atom)
         if site.text("OutDataTypeStr", "").startswith("Bus:"):
             raise UnsupportedError("it takes a bus", "Import the subsystem behind it, or bind it.")
     name = site.weaver.input_name(site.atom)
