@@ -644,7 +644,7 @@ def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weave
         if guesses.changed:
             continue
         if not weaver.failures or not weaver.wishes or stopped is not None:
-            return weaver if stopped is None or not weaver.failures else stopped
+            return stopped if stopped is not None and len(stopped.failures) <= len(weaver.failures) else weaver
         stopped, guesses.wished = weaver, weaver.wishes
         guesses.shapes.update(weaver.wishes)
     weaver.unsettled(next(iter(goals)))

@@ -229,7 +229,7 @@ class Site:
         return self.weaver.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
 
     def wish(self, index: int, shape: tuple[int, ...]) -> None:
-        """Say which shape an input has to have, in case that it comes from a memory or inport whose shape is not known."""
+        """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
         source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
         if source is not None:
             self.weaver.wish(source.atom, shape)
