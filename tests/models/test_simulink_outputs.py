@@ -6,6 +6,7 @@ from simulink_files import Model
 from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 
 U = np.array([1.0, 2.0, 3.0])
 
@@ -61,6 +62,18 @@ def test_a_bus_in_a_scope_is_taken_apart(tmp_path):
     drawn.line("Thrice", "Bus:2", name="b")
     drawn.line("Bus", "Shown", name="both")
     assert imported(drawn, tmp_path).graph.outputs == ("both.a", "both.b")
+
+
+def test_a_display_of_what_cannot_be_built_is_left_out(tmp_path):
+    drawn = doubled()
+    drawn.block("S-Function", "Sync", ports=(0, 1))
+    drawn.block("Display", "Ticks", ports=(1, 0))
+    drawn.line("Sync", "Ticks")
+    found = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert found.model is not None
+    assert found.model.graph.outputs == ("double", "Thrice")
+    assert "what Ticks shows is left out, as it cannot be built" in found.report.substitutions
+    assert [(one.path, one.stops) for one in found.report.unsupported] == [("Sync", False)]
 
 
 def test_a_model_that_shows_nothing_is_told(tmp_path):

@@ -222,11 +222,27 @@ class _Import:
     def imported(self) -> Imported:
         flat = self.flat
         weaver = self._woven(flat.results)
+        if not flat.outports and not flat.recorded and self._stops(weaver):
+            weaver = self._shown(weaver)
         if flat.outports and flat.recorded and not self._stops(weaver):
             more = self._woven([*flat.outports, *flat.recorded])
             weaver = more if not self._stops(more) else weaver
         report = self._report(weaver)
         return Imported(self._model(weaver) if report.whole else None, report)
+
+    def _shown(self, weaver: Weaver) -> Weaver:
+        """The model of those scopes and displays whose signals can be built; as it is where there is none."""
+        shown = self.flat.results
+        made = {atom: weaver.outputs(atom) for atom in shown}
+        sound = [atom for atom in shown if made[atom] and all(one.sound for one in made[atom])]
+        if weaver.loops or not sound:
+            return weaver
+        left = self._woven(sound)
+        if self._stops(left):
+            return weaver
+        gone = ", ".join(atom.path for atom in shown if atom not in sound)
+        self.substitutions.append(f"what {gone[:200]} shows is left out, as it cannot be built")
+        return left
 
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:

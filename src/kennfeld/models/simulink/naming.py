@@ -22,7 +22,7 @@ class Names:
         self._inputs = {node for name in weaver.inputs for node in [weaver.loom.input(name)]}
         outputs: list[str] = []
         for atom in flat.results:
-            for number, label in _results(atom):
+            for number, label in _results(atom) if weaver.outputs(atom) else ():
                 outputs += self._add(atom, number, label)
         self.outputs = tuple(dict.fromkeys(outputs))
         self._inside(flat)
