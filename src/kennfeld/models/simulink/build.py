@@ -16,19 +16,20 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
-from kennfeld.models.simulink.flatten import Atom, Flat, Source, controls, resets
+from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source, controls, resets
 from kennfeld.models.simulink.integration import Integrated, advance
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, OpenBus, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, resized
+from kennfeld.models.simulink.starts import at_start
 from kennfeld.models.simulink.stores import Stores
 from kennfeld.models.simulink.tree import split
 
 __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
-UNFIT = (ValueError, IndexError, TypeError, ArithmeticError)
+UNFIT = (ValueError, IndexError, TypeError, ArithmeticError, NoValueError)
 _MOST_PASSES = 500
 
 
@@ -43,11 +44,15 @@ class Failure(NamedTuple):
 
 @dataclass
 class Guesses:
-    """What an earlier pass found: the shapes of memories, the sample times of their blocks, names of two things."""
+    """What an earlier pass found: the shapes of memories, the sample times of their blocks, names of two things.
+
+    `wished` are shapes that no input gave but a matrix behind the memory asks for.
+    """
 
     shapes: dict[tuple[Atom, int], tuple[int, ...]] = field(default_factory=dict)
     periods: dict[Atom, float] = field(default_factory=dict)
     taken: frozenset[str] = frozenset()
+    wished: dict[tuple[Atom, int], tuple[int, ...]] = field(default_factory=dict)
     changed: bool = False
 
     def shape(self, key: tuple[Atom, int], found: tuple[int, ...]) -> None:
@@ -84,6 +89,10 @@ class Weaver:
         self.integrated: list[Integrated] = []
         self.stores = Stores(flat.atoms)
         self._stored: dict[Atom, Signal] = {}
+        self._ports: dict[Atom, Signal] = {}  # states, as memories and as they are shown
+        self._shown: dict[Atom, Signal] = {}
+        self._scalars: dict[Atom, tuple[Atom, int]] = {}
+        self.wishes: dict[tuple[Atom, int], tuple[int, ...]] = {}
         self.inputs: dict[str, Atom | None] = {}
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
@@ -106,6 +115,25 @@ class Weaver:
                 self._fail(atom, *unsupported.parts)
             except UNFIT as error:
                 self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
+        self._settle_starts()
+
+    def _settle_starts(self) -> None:
+        """Free the first values behind state ports of the states themselves."""
+        reads = [self.loom.node("state", (), which) for which in range(len(self.loom.states))]
+        inits = {read: s.init for read, s in zip(reads, self.loom.states, strict=True) if s.init >= 0}
+        inits |= {one.state: one.init for one in self.integrated}
+        found: dict[int, int] = {}
+        for atom, port in self._ports.items():
+            for state in port.flat:
+                made = at_start(self.loom, state, inits) if state in inits else self.loom.const(0.0)
+                if made is None:
+                    self._fail(atom, "its initial value depends on its own state")
+                elif state in inits:
+                    found[state] = made
+        self.integrated = [one._replace(init=found.get(one.state, one.init)) for one in self.integrated]
+        for which, read in enumerate(reads):
+            if read in found and self.loom.states[which].init >= 0:
+                self.loom.states[which] = self.loom.states[which]._replace(init=found[read])
 
     def finish(self, solver: str) -> None:
         """Advance the continuous states, now that everything they depend on is there."""
@@ -154,7 +182,7 @@ class Weaver:
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return []
-        found = [source.atom for source in sources if source is not None]
+        found = [source.atom for source in sources if source is not None and source.port != STATE]
         if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
             found += [atom.control] if atom.control is not None else []
         return [*found, *(self.stores.before(atom) if atom.store is not None else ())]
@@ -172,7 +200,9 @@ class Weaver:
         return self._sites[atom]
 
     def value(self, source: Source) -> Wired:
-        """The signal of a block's output; the block has been built already."""
+        """The signal of a block's output; the block has been built already, unless it is its state port."""
+        if source.port == STATE:
+            return self._state_port(source.atom)
         outputs = self._values.get(source.atom)
         if outputs is None:
             raise UnsupportedError(f"its input from {source.atom.path} comes too late")
@@ -216,7 +246,7 @@ class Weaver:
             return
 
     def _arriving(self, atom: Atom) -> list[Wired]:
-        return [self.value(s) for s in atom.inputs if s is not None and s.atom in self._values]
+        return [self.value(s) for s in atom.inputs if s is not None and (s.atom in self._values or s.port == STATE)]
 
     def _fail(self, atom: Atom, what: str, mend: str = "", undefined: str = "") -> None:
         self.failures.setdefault(atom, Failure(atom, what, mend, undefined))
@@ -432,15 +462,60 @@ class Weaver:
         node = self.clock.hit(self.loom, Rate(period)) if period > 0 else None
         return Signal(np.array([self.loom.const(1.0) if node is None else node], dtype=np.int64), max(period, 0.0))
 
+    def _state_port(self, atom: Atom) -> Signal:
+        """The state of a block as the step begins; the block itself, which a reset may change, is built later."""
+        if atom.kind not in ("Integrator", "DiscreteIntegrator"):
+            self._fail(atom, "its state port is read, which is not supported")
+            return self._nan()
+        if atom not in self._ports:
+            shape = self.guesses.shapes.get((atom, STATE), (1,))
+            nodes = np.array([self.loom.state() for _ in range(int(np.prod(shape)))], dtype=np.int64).reshape(shape)
+            rate = self.rate(atom) or Rate(self.guessed_period(atom))
+            self._ports[atom] = Signal(nodes, rate.period)
+            slow = atom.kind == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
+            self._shown[atom] = self._held(self._ports[atom], rate) if slow else self._ports[atom]
+            self._pending.append((atom, lambda: self._visit(atom)))
+        return self._shown[atom]
+
+    def _states(self, key: tuple[Atom, int], first: Nodes, latency: int = 1) -> list[int]:
+        """New memories; those of a state port where it has been read before."""
+        atom, number = key
+        if number == STATE and atom in self._ports:
+            if self._ports[atom].size == first.size:
+                return [int(node) for node in self._ports[atom].nodes.ravel()]
+            self.guesses.shape(key, first.shape)
+        return [self.loom.state(latency) for _ in range(first.size)]
+
+    def wish(self, atom: Atom, shape: tuple[int, ...]) -> None:
+        """Note the shape that a block asks of the memory or input before it, in case that no input gives it one."""
+        if atom in self._scalars:
+            self.wishes.setdefault(self._scalars[atom], shape)
+
+    def open_shape(self, atom: Atom) -> tuple[int, ...]:
+        """The shape of an input that states none: a scalar, or what is asked of it."""
+        self._scalars.setdefault(atom, (atom, 0))
+        return self.guesses.shapes.get((atom, 0), (1,))
+
+    def _shape(self, key: tuple[Atom, int], init: Signal) -> tuple[int, ...]:
+        """The shape of a memory: as an earlier pass found it, else that of its initial value."""
+        if init.size == 1 and key not in self.guesses.shapes:
+            self._scalars.setdefault(key[0], key)
+        return self.guesses.shapes.get(key, init.shape)
+
+    def _widened(self, site: Site, key: tuple[Atom, int]) -> None:
+        """Tell of a memory that is a vector for the sake of what is behind it, though its input is a scalar."""
+        if key in self.guesses.wished:
+            self._fail(site.atom, f"its input is a scalar where a vector of {self.guesses.wished[key]} is asked of it")
+
     def remember(self, site: Site, number: int, init: Signal, then: Callable[[Signal], Signal], latency: int) -> Signal:
         """A memory of a block that is read now and written at the end of the step."""
         atom, key = site.atom, (site.atom, number)
-        shape = self.guesses.shapes.get(key, init.shape)
+        shape = self._shape(key, init)
         try:
             first = resized(init.nodes, shape)
         except ValueError:
             shape, first = init.shape, init.nodes
-        states = [self.loom.state(latency) for _ in range(first.size)]
+        states = self._states(key, first, latency)
         period = site.period()
         read = Signal(np.array(states, dtype=np.int64).reshape(shape), period if period else CONTINUOUS)
         seen = self._restarted(atom, read, first)
@@ -477,6 +552,7 @@ class Weaver:
         self.guesses.period(site.atom, self._inherited(site))
         if new.shape != seen.shape:
             if new.size == 1:
+                self._widened(site, key)
                 new = replace(new, nodes=resized(new.nodes, seen.shape))
             else:
                 self.guesses.shape(key, new.shape)
@@ -502,9 +578,9 @@ class Weaver:
     ) -> Signal:
         """A continuous state as it is now: the solver advances it at the end of the step."""
         key = (site.atom, number)
-        shape = self.guesses.shapes.get(key, init.shape)
+        shape = self._shape(key, init)
         first = resized(init.nodes, shape) if init.size in (1, int(np.prod(shape))) else init.nodes
-        states = [self.loom.state() for _ in range(first.size)]
+        states = self._states(key, first)
         read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), CONTINUOUS)
         seen = self._restarted(site.atom, read, first)
         if reset is not None:
@@ -533,6 +609,8 @@ class Weaver:
                 rates = slope(seen)
         except UnsupportedError as unsupported:
             self._fail(site.atom, *unsupported.parts)
+        if rates.size == 1 < seen.size:
+            self._widened(site, key)
         if rates.size > 1 and rates.shape != seen.shape:
             self.guesses.shape(key, rates.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
@@ -572,6 +650,7 @@ def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weave
     """The pass in which every guess was right; where none is, that is what stops the first of the goals."""
     guesses = Guesses()
     weaver = make(guesses)
+    stopped: Weaver | None = None
     for _ in range(min(_MOST_PASSES, len(weaver.flat.atoms) + 10)):
         guesses.changed = False
         weaver = make(guesses)
@@ -579,7 +658,11 @@ def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weave
         doubled = guesses.taken | (weaver.inputs.keys() & weaver.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken
         guesses.taken = doubled
-        if not guesses.changed:
-            return weaver
+        if guesses.changed:
+            continue
+        if not weaver.failures or not weaver.wishes or stopped is not None:
+            return stopped if stopped is not None and len(stopped.failures) <= len(weaver.failures) else weaver
+        stopped, guesses.wished = weaver, weaver.wishes
+        guesses.shapes.update(weaver.wishes)
     weaver.unsettled(next(iter(goals)))
     return weaver

@@ -9,13 +9,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
 from kennfeld.models.simulink.variants import Choosing, is_variant, labels_of, member, said, with_choice
 
-__all__ = ["Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
+__all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
+
+STATE = -1  # the number of a state port among the outputs of its block
+SHOWING = ("Scope", "Display", "ToFile", "XYGraph")
 
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 _NESTED = ("SubSystem", "ModelReference")
@@ -24,7 +28,7 @@ _MOST = 100_000  # blocks, all instances of libraries counted
 
 
 class Source(NamedTuple):
-    """Where a wire begins: a block and its output, counted from 0."""
+    """Where a wire begins: a block and its output, counted from 0, or its state port."""
 
     atom: "Atom"
     port: int
@@ -69,6 +73,16 @@ class Flat:
     inports: list[Atom]
     outports: list[Atom]
     chosen: list[str] = field(default_factory=list)
+
+    @property
+    def recorded(self) -> list[Atom]:
+        """The blocks that record a signal."""
+        return [atom for atom in self.atoms if atom.kind == "ToWorkspace"]
+
+    @property
+    def results(self) -> list[Atom]:
+        """The blocks whose signals are the outputs: outports, else what records, else what shows or writes signals."""
+        return self.outports or self.recorded or [a for a in self.atoms if a.kind in SHOWING and any(a.inputs)]
 
 
 class Level:
@@ -128,6 +142,7 @@ def flatten(
     that the block has there.
     """
     work = _Flattening(cuts, opaque, models or {}, known)
+    system = in_use(system)
     root = work.level(system, (), scope, None, None, None)
     work.connect()
     ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
@@ -227,6 +242,7 @@ class _Flattening:
         return f"a subsystem that runs several times in a step ({loop.type})" if loop is not None else ""
 
     def _enter(self, level: Level, block: Block, system: System) -> None:
+        system = in_use(system)
         special = {_SPECIAL[b.type]: b for b in system.of(*_SPECIAL)}
         control = level.control
         if special:
@@ -299,7 +315,7 @@ class _Flattening:
         if (picked := self._picked(here, source)) is not None:
             return self.source(*picked)
         if (atom := here.atoms.get(source.block)) is not None:
-            port = {"out": source.number - 1, "state": -1}.get(source.port)
+            port = {"out": source.number - 1, "state": STATE}.get(source.port)
             return None if port is None else Source(atom, port)
         below = here.below.get(source.block)
         if below is not None:

@@ -33,7 +33,6 @@ from kennfeld.models.simulink.variants import content
 __all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
-_SHOWING = ("Scope", "Floating Scope", "Display", "ToFile", "XYGraph")
 _CONTINUOUS = {
     "Integrator",
     "PID 1dof",
@@ -257,20 +256,28 @@ class Work:
 
     def woven(self) -> Weaver:
         """The blocks as a graph, with what is recorded where that can be built as well."""
-        outputs = self.flat.outports
-        recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
-        weaver = self._woven(outputs or recorded or self._shown())
-        if outputs and recorded and not self._stops(weaver):
-            more = self._woven([*outputs, *recorded])
+        flat = self.flat
+        weaver = self._woven(flat.results)
+        if not flat.outports and not flat.recorded and self._stops(weaver):
+            weaver = self._shown(weaver)
+        if flat.outports and flat.recorded and not self._stops(weaver):
+            more = self._woven([*flat.outports, *flat.recorded])
             weaver = more if not self._stops(more) else weaver
         return weaver
 
-    def _shown(self) -> list[Atom]:
-        """What shows signals in a model without other outputs: those signals become its outputs."""
-        found = [atom for atom in self.flat.atoms if atom.kind in _SHOWING and any(atom.inputs)]
-        for atom in found:
-            atom.kind = "Shown"
-        return found
+    def _shown(self, weaver: Weaver) -> Weaver:
+        """The model of those scopes and displays whose signals can be built; as it is where there is none."""
+        shown = self.flat.results
+        made = {atom: weaver.outputs(atom) for atom in shown}
+        sound = [atom for atom in shown if made[atom] and all(one.sound for one in made[atom])]
+        if weaver.loops or not sound:
+            return weaver
+        left = self._woven(sound)
+        if self._stops(left):
+            return weaver
+        gone = ", ".join(atom.path for atom in shown if atom not in sound)
+        self.substitutions.append(f"what {gone[:200]} shows is left out, as it cannot be built")
+        return left
 
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:

@@ -11,7 +11,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions import NoValueError, each
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.flatten import STATE, Atom
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import (
     CONSTANT,
@@ -240,17 +240,31 @@ class Site:
 
     # memory
 
-    def remember(self, init: Signal, then: Then, latency: int = 1) -> Signal:
-        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built."""
+    def remember(self, init: Signal, then: Then, latency: int = 1, ported: bool = False) -> Signal:
+        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built.
+
+        The memory that is `ported` is what the block's state port shows.
+        """
         self.memories += 1
-        return self.weaver.remember(self, self.memories, init, then, latency)
+        return self.weaver.remember(self, STATE if ported else self.memories, init, then, latency)
 
     def integrate(
-        self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None
+        self,
+        init: Signal,
+        slope: Then,
+        reset: Signal | None = None,
+        limits: tuple[Signal, Signal] | None = None,
+        ported: bool = False,
     ) -> Signal:
-        """A continuous state, advanced by the solver."""
+        """A continuous state, advanced by the solver; one that is `ported` is what the block's state port shows."""
         self.memories += 1
-        return self.weaver.integrate(self, self.memories, init, slope, reset, limits)
+        return self.weaver.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
+
+    def wish(self, index: int, shape: tuple[int, ...]) -> None:
+        """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        if source is not None:
+            self.weaver.wish(source.atom, shape)
 
     def edge(self, x: Signal, kind: str) -> Signal:
         """1 where a signal crosses zero in the way of a trigger: rising, falling, either.

@@ -19,6 +19,8 @@ def gain(site: Site) -> Wired:
     if kind.startswith("Element-wise"):
         return site.call("mul", site.parameter("Gain"), u)
     k = site.matrix("Gain")
+    if u.size == 1 < k.shape[1] and "u*K" not in kind:
+        site.wish(0, (k.shape[1],))
     column = u.nodes.reshape(-1, 1) if u.nodes.ndim == 1 else u.nodes
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:

@@ -44,6 +44,8 @@ def demux(site: Site) -> tuple[Wired, ...]:
             return tuple(members)
         nodes = [node for _, signal in leaves(wired) for node in signal.flat]
         wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
+    if wired.size == 1 < _outputs(site) and site.numbers("Outputs").size == 1:
+        site.wish(0, (_outputs(site),))
     widths = _widths(site, wired.size)
     ends = np.cumsum(widths)
     flat = np.array(wired.flat, dtype=np.int64)
