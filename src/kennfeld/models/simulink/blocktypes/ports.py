@@ -1,11 +1,15 @@
 """Where signals enter and leave: inports, outports, cuts, sinks."""
 
+import math
+
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import block
 from kennfeld.models.simulink.flatten import SHOWING
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
+
+_WIDEST = 10_000  # elements of a port from outside, each of them an input
 
 
 @block("Inport", "From", PortDimensions="-1", SampleTime="-1")
@@ -18,7 +22,9 @@ def inport(site: Site) -> Wired:
         if site.text("OutDataTypeStr", "").startswith("Bus:"):
             return site.weaver.opened(site.atom)
     name = site.weaver.input_name(site.atom)
-    count = int(np.prod(shape))
+    count = math.prod(shape)
+    if count > _WIDEST:
+        raise UnsupportedError(f"it is {count} elements wide; {_WIDEST} are the most")
     names = [name] if count == 1 else [f"{name}[{i + 1}]" for i in range(count)]
     nodes = np.array([site.loom.input(one) for one in names], dtype=np.int64).reshape(shape, order="F")
     return Signal(nodes, CONTINUOUS)
