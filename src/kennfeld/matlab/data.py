@@ -68,7 +68,7 @@ def loaded_of(content: bytes, most_bytes: int = tree.MOST_BYTES, most_nodes: int
     if not content:
         return tree.Loaded(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return v73.load_all(BytesIO(content), most_bytes, most_nodes)
+        return opened(v73.load_all(BytesIO(content), most_bytes, most_nodes), most_bytes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return v4.load_all(memoryview(content))
     return opened(v5.load_all(memoryview(content), most_bytes, most_nodes), most_bytes)

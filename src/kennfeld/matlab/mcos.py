@@ -1,4 +1,4 @@
-"""Objects of classes in MATLAB files of version 5: their properties, which stand behind the variables.
+"""Objects of classes in MATLAB files: their properties, which stand behind the variables.
 
 The layout was worked out by the mat-io project: the subsystem, bytes that are again a file with a header of 8 bytes,
 holds a struct with the object FileWrapper__. That is a cell array: its first cell ties names, classes, objects and
@@ -95,7 +95,7 @@ def _behind(further: Sequence[Node], most_bytes: int) -> "Objects":
     why = _ALONE
     for node in further:
         try:
-            cells = _wrapped(node, most_bytes)
+            cells = _wrapped(_subsystem(node, most_bytes))
             if cells is not None:
                 return Objects(cells)
         except DamageError as error:
@@ -103,18 +103,26 @@ def _behind(further: Sequence[Node], most_bytes: int) -> "Objects":
     return Objects(None, why)
 
 
-def _wrapped(subsystem: Node, most_bytes: int) -> Cells | None:
-    """The cells with all that a subsystem knows of objects."""
-    if not isinstance(subsystem, Numbers):
-        return None
-    raw = _bytes(subsystem)
-    order = "<" if raw[2:4] == b"IM" else ">"
-    loaded = elements_from(memoryview(raw), 8, order, most_bytes, _MOST)
+def _subsystem(node: Node, most_bytes: int) -> Node | None:
+    """What stands in the bytes of a subsystem; version 7.3 has it without that wrapping."""
+    if isinstance(node, Unreadable) and node.why:
+        raise DamageError(node.why)
+    if not isinstance(node, Numbers):
+        return node
+    raw = _bytes(node)
+    loaded = elements_from(memoryview(raw), 8, "<" if raw[2:4] == b"IM" else ">", most_bytes, _MOST)
     first = next(iter(loaded.further), None)
-    wrapper = first.fields.get("MCOS") if isinstance(first, Struct) else None
-    cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
-    if cells is None and loaded.damage:
+    if loaded.damage and not isinstance(first, Struct):
         raise DamageError(loaded.damage)
+    return first
+
+
+def _wrapped(subsystem: Node | None) -> Cells | None:
+    """The cells with all that a subsystem knows of objects."""
+    wrapper = subsystem.fields.get("MCOS") if isinstance(subsystem, Struct) else None
+    cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
+    if isinstance(wrapper, Unreadable) and wrapper.why:
+        raise DamageError(wrapper.why)
     return cells if isinstance(cells, Cells) else None
 
 

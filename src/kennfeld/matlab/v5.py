@@ -45,7 +45,7 @@ _CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
 _CODES = (2, 3, 4, 5, 6)  # the types in which characters stand as numbers
 _DEEPEST = 50
 _MOST_DIMENSIONS = 32
-_MOST_CLAIMED = 2**60  # values of an array that may be empty
+_MOST_CLAIMED = 2**48  # values of an array that may be empty
 
 
 def load(content: memoryview) -> dict[str, Node]:
