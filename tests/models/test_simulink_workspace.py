@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.io
 from matlab_files import save73
-from simulink_data import Thing, mxarray, pairs
+from simulink_data import Thing, mxarray, numbers, pairs
 from simulink_files import LAYOUTS, Model
 
 from kennfeld.models.simulink.data import Entry
@@ -168,6 +168,13 @@ def test_files_of_the_oldest_and_the_newest_version_are_read(version, tmp_path):
         save73(tmp_path / "a.mat", {"K": 2.5, "name": "x"})
     found = mat_variables((tmp_path / "a.mat").read_bytes())
     assert (found.entries["K"].value.tolist(), found.entries["name"].value, found.unreadable) == ([[2.5]], "x", {})
+
+
+def test_every_not_a_number_of_single_precision_is_one():
+    odd = np.array([0x7F800001, 0x3F800000], np.uint32).view(np.float32)
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
+    found = mat_variables(head + numbers(odd, 7, "<f4", 7, "K")).entries["K"]
+    assert (found.kind, np.isnan(found.value[0, 0]), found.value[0, 1]) == ("single", True, 1.0)
 
 
 def test_a_file_that_is_cut_off_gives_what_stands_before_the_cut():

@@ -101,7 +101,8 @@ def _array(node: tree.Numbers) -> Array:
         return np.asarray(values != 0)
     if node.kind in INTEGERS:
         return values.astype(node.kind)
-    return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
+    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+        return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
 
 
 def _characters(node: tree.Text) -> Array:

@@ -144,14 +144,12 @@ class _Reader:
             if not content:
                 return "", Numbers(np.empty((0, 0)))
             parts = self._elements(content)
-            _, flags = self._next(parts, "flags")
-            (said,) = struct.unpack(f"{self.order}I", flags[:4].tobytes().ljust(4, b"\0"))
-            kind = said & 0xFF
-            if kind == _OPAQUE:
+            flags = self._flags(parts)
+            if flags & 0xFF == _OPAQUE:
                 return self._opaque(list(parts), depth)
             shape = self._shape(parts)
             name = _text(*self._next(parts, "name"))
-            return name, self._content(kind, said, shape, parts, depth)
+            return name, self._content(flags & 0xFF, flags, shape, parts, depth)
         except TooManyError:
             raise
         except DamageError as error:
@@ -162,6 +160,10 @@ class _Reader:
         self.count += more
         if self.count > self.most:
             raise TooManyError(f"it holds more than {self.most} arrays")
+
+    def _flags(self, parts: Iterator[tuple[int, memoryview]]) -> int:
+        _, raw = self._next(parts, "flags")
+        return int.from_bytes(raw[:4].tobytes().ljust(4, b"\0"), "little" if self.order == "<" else "big")
 
     def _shape(self, parts: Iterator[tuple[int, memoryview]]) -> tuple[int, ...]:
         _, sizes = self._next(parts, "dimensions")
