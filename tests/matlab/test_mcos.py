@@ -112,6 +112,17 @@ def test_objects_that_hold_each_other_end():
     assert "too deeply" in node.why
 
 
+def test_objects_that_know_each_other_in_many_ways_are_opened_once_each():
+    inner = {name: Thing("A.B", {"K": 2.0}) for name in "abcd"}
+    raw = bytearray(mxarray({"P": Thing("A.B", {"K": 1.0, **inner})}))
+    outer, at = int.from_bytes(raw[raw.index(TAG) + 16 : raw.index(TAG) + 20], "little"), raw.index(TAG)
+    while (at := raw.find(TAG, at + 1)) >= 0:
+        raw[at + 16 : at + 20] = outer.to_bytes(4, "little")
+    fields = workspace(bytes(raw)).variables["P"].fields
+    assert fields["K"].values.item() == 1.0
+    assert all("hold each other" in fields[name].why for name in "abcd")
+
+
 def test_structs_may_be_as_deep_as_a_file_can_hold():
     inner = {"K": 1.0}
     for _ in range(40):

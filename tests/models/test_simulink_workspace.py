@@ -209,7 +209,7 @@ def test_what_is_no_workspace_is_told(raw):
 
 def test_garbled_workspaces_are_read_or_told_but_never_crash():
     whole, chance = mxarray(parameters()), random.Random(3)
-    for _ in range(2000):
+    for _ in range(600):
         raw = bytearray(whole)
         for _ in range(chance.choice((1, 2, 8))):
             raw[chance.randrange(8, len(raw))] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
