@@ -239,7 +239,7 @@ def nodes(node: Node):
 def test_garbled_workspaces_are_read_as_far_as_they_go():
     plain = {"K": 2.5, "M": np.arange(12.0), "S": {"a": 1.0, "b": {"c": [[1.0, 2.0]]}}, "name": "turbo"}
     whole, chance, read = mxarray({**plain, "P": parameter(1.0, Min=0.0), "L": table()}), random.Random(3), 0
-    for _ in range(1500):
+    for _ in range(500):
         raw = bytearray(whole)
         for _ in range(chance.choice((1, 2, 8))):
             raw[chance.randrange(8, len(raw))] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
@@ -250,4 +250,4 @@ def test_garbled_workspaces_are_read_as_far_as_they_go():
         except DamageError:
             continue
         read += any(not isinstance(one, Unreadable) for node in found.values() for one in nodes(node))
-    assert read > 500
+    assert read > 150
