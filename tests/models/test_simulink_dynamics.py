@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 from simulink_files import Model
-from simulink_runs import alone, imported, run, slopes
+from simulink_runs import alone, crossings, imported, run, slopes
 
 from kennfeld.errors import InputError
 
@@ -347,6 +347,20 @@ def test_transfer_functions_are_those_of_scipy(b, a, tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
+def test_a_lag_with_a_parameter_in_front_closes_a_loop(tmp_path):
+    drawn = Model(solver="ode5", step="0.02")
+    drawn.inport("u")
+    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
+    drawn.block("TransferFcn", "F", ports=(1, 1), Numerator="[3]", Denominator="[T 1]")
+    drawn.outport("y")
+    drawn.line("u", "S:1")
+    drawn.chain("S", "F")
+    drawn.line("F", "y", "S:2")
+    t = 0.02 * np.arange(200)
+    found = run(imported(drawn, tmp_path, parameters=[{"T": 0.5}]), {"u": np.ones(200)})["y"]
+    np.testing.assert_allclose(found, 0.75 * (1 - np.exp(-8 * t)), atol=1e-7)
+
+
 def test_a_state_space_model_is_that_of_scipy(tmp_path):
     drawn = alone("StateSpace", A="[0 1; -2 -0.5]", B="[0; 1]", C="[1 0.5]", D="0.2", X0="[1; 0]",
                   model=Model(solver="ode5", step="0.02"))  # fmt: skip
@@ -435,7 +449,7 @@ def conditional(port, states="held", output="held", inside="UnitDelay", **option
     return drawn
 
 
-C = np.array([0, 1, 1, 0, -1, 2, 0, 0, 1, 1] * 4, dtype=float)
+C = np.array([0, 1, 1, 0, -1, 2, 0, 0, 1, 1, -1, 0, 3, 0, 0, -2, 0, 0, -1, 0] * 2, dtype=float)
 
 
 @pytest.mark.parametrize("states", ["held", "reset"])
@@ -457,12 +471,23 @@ def test_an_enabled_subsystem_runs_where_its_control_is_above_0(states, output, 
 def test_a_triggered_subsystem_runs_at_the_edges_of_its_control(kind, tmp_path):
     drawn = conditional("TriggerPort", TriggerType=kind)
     found = run(imported(drawn, tmp_path), {"u": U, "c": C})["y"]
-    y, z = -1.0, 0.0
+    y, z, (up, down) = -1.0, 0.0, crossings(C)
     for k, u in enumerate(U):
-        rising, falling = (k > 0 and C[k - 1] <= 0 < C[k]), (k > 0 and C[k - 1] >= 0 > C[k])
-        if {"rising": rising, "falling": falling, "either": rising or falling}[kind]:
+        if {"rising": up[k], "falling": down[k], "either": up[k] or down[k]}[kind]:
             y = z = z + u
         assert found[k] == pytest.approx(y, abs=1e-13), k
+
+
+@pytest.mark.parametrize("kind", ["rising", "falling", "either"])
+def test_a_discrete_integrator_is_reset_where_a_signal_begins_or_ceases_to_be_positive(kind, tmp_path):
+    drawn = alone("DiscreteIntegrator", 2, SampleTime="0.1", ExternalReset=kind, InitialCondition="1")
+    found = run(imported(drawn, tmp_path), {"u1": U, "u2": C})["y1"]
+    x = 1.0
+    for k, u in enumerate(U):
+        rising, falling = k > 0 and C[k - 1] <= 0 < C[k], k > 0 and C[k - 1] > 0 >= C[k]
+        x = 1.0 if {"rising": rising, "falling": falling, "either": rising or falling}[kind] else x
+        assert found[k] == pytest.approx(x, abs=1e-13), k
+        x += T * u
 
 
 def test_an_if_block_runs_one_of_its_subsystems_and_merge_takes_the_last(tmp_path):
@@ -534,9 +559,7 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
             "InterpMethod is 'Cubic spline'",
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
-        ("Delay", {"DelayLengthSource": "Input port"}, "DelayLengthSource is 'Input port'"),
-        ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "its cases {1, Mode.idle} have no value"),
-        ("SignalGenerator", {"WaveForm": "sawtooth"}, "WaveForm is 'sawtooth'"),
+        ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),
     ):
         with pytest.raises(InputError, match=told):
             imported(alone(kind, **options), tmp_path)

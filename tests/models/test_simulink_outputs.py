@@ -77,5 +77,5 @@ def test_a_display_of_what_cannot_be_built_is_left_out(tmp_path):
 
 
 def test_a_model_that_shows_nothing_is_told(tmp_path):
-    with pytest.raises(InputError, match="no outport and no scope"):
+    with pytest.raises(InputError, match="no outport, and nothing that records or shows a signal"):
         imported(doubled(scope=False), tmp_path)

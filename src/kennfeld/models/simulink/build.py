@@ -4,6 +4,7 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -15,12 +16,12 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
-from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source
+from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source, controls, resets
 from kennfeld.models.simulink.integration import Integrated, advance
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, OpenBus, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, resized
 from kennfeld.models.simulink.starts import at_start
 from kennfeld.models.simulink.stores import Stores
@@ -30,14 +31,16 @@ __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
 UNFIT = (ValueError, IndexError, TypeError, ArithmeticError, NoValueError)
 _MOST_PASSES = 500
+_WIDEST_WISH = 1000
 
 
 class Failure(NamedTuple):
-    """Why a block could not be built, and what would unblock it."""
+    """Why a block could not be built, what would unblock it, and the variable that has no value, if that is why."""
 
     atom: Atom
     why: str
     mend: str = ""
+    undefined: str = ""
 
 
 @dataclass
@@ -87,7 +90,7 @@ class Weaver:
         self.integrated: list[Integrated] = []
         self.stores = Stores(flat.atoms)
         self._stored: dict[Atom, Signal] = {}
-        self._ports: dict[Atom, Signal] = {}  # states, as memories and as they are shown
+        self._ports: dict[Atom, Nodes] = {}  # states that ports may show, and those that are shown
         self._shown: dict[Atom, Signal] = {}
         self._scalars: dict[Atom, tuple[Atom, int]] = {}
         self.wishes: dict[tuple[Atom, int], tuple[int, ...]] = {}
@@ -110,7 +113,7 @@ class Weaver:
             try:
                 complete()
             except UnsupportedError as unsupported:
-                self._fail(atom, unsupported.what, unsupported.mend)
+                self._fail(atom, *unsupported.parts)
             except UNFIT as error:
                 self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
         self._settle_starts()
@@ -121,8 +124,8 @@ class Weaver:
         inits = {read: s.init for read, s in zip(reads, self.loom.states, strict=True) if s.init >= 0}
         inits |= {one.state: one.init for one in self.integrated}
         found: dict[int, int] = {}
-        for atom, port in self._ports.items():
-            for state in port.flat:
+        for atom in self._shown:
+            for state in map(int, self._ports[atom].ravel()):
                 made = at_start(self.loom, state, inits) if state in inits else self.loom.const(0.0)
                 if made is None:
                     self._fail(atom, "its initial value depends on its own state")
@@ -175,12 +178,12 @@ class Weaver:
             wanted = every if kind is None or kind.needs is None else kind.needs(site)
             sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
         except UnsupportedError as unsupported:
-            self._fail(atom, unsupported.what, unsupported.mend)
+            self._fail(atom, *unsupported.parts)
             return []
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return []
-        found = [source.atom for source in sources if source is not None and source.port != STATE]
+        found = [source.atom for source in sources if source is not None and not self._ahead(source)]
         if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
             found += [atom.control] if atom.control is not None else []
         return [*found, *(self.stores.before(atom) if atom.store is not None else ())]
@@ -199,14 +202,16 @@ class Weaver:
 
     def value(self, source: Source) -> Wired:
         """The signal of a block's output; the block has been built already, unless it is its state port."""
-        if source.port == STATE:
+        if self._ahead(source):
             return self._state_port(source.atom)
         outputs = self._values.get(source.atom)
         if outputs is None:
             raise UnsupportedError(f"its input from {source.atom.path} comes too late")
-        if not 0 <= source.port < len(outputs):
+        if source.port == STATE and source.atom.kind != "DiscreteIntegrator" and outputs[-1].sound:
+            self._fail(source.atom, "its state port is read, which is not supported")
             return self._nan()
-        return outputs[source.port]
+        port = len(outputs) - 1 if source.port == STATE else source.port  # a state port is the last output
+        return outputs[port] if port < len(outputs) else self._nan()
 
     def outputs(self, atom: Atom) -> tuple[Wired, ...]:
         """The outputs of a block that has been built; none of others."""
@@ -221,11 +226,12 @@ class Weaver:
             self._pending.append((atom, lambda: None))  # what stands before it is looked at all the same
             return self._unsound(atom)
         if any(not wired.sound for wired in self._arriving(atom)):
+            self._look_for_values(atom, kind)
             return self._unsound(atom)
         try:
             made = kind.rule(self.site(atom))
         except UnsupportedError as unsupported:
-            self._fail(atom, unsupported.what, unsupported.mend)
+            self._fail(atom, *unsupported.parts)
             return self._unsound(atom)
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
@@ -233,11 +239,21 @@ class Weaver:
         outputs = made if isinstance(made, tuple) else (made,)
         return tuple(self._sampled(atom, wired) for wired in outputs)
 
-    def _arriving(self, atom: Atom) -> list[Wired]:
-        return [self.value(s) for s in atom.inputs if s is not None and (s.atom in self._values or s.port == STATE)]
+    def _look_for_values(self, atom: Atom, kind: Kind) -> None:
+        """Note a variable without a value behind a block that stops: all of them are told at once."""
+        try:
+            kind.rule(self.site(atom))
+        except UnsupportedError as unsupported:
+            if unsupported.undefined:
+                self._fail(atom, *unsupported.parts)
+        except UNFIT:
+            return
 
-    def _fail(self, atom: Atom, what: str, mend: str = "") -> None:
-        self.failures.setdefault(atom, Failure(atom, what, mend))
+    def _arriving(self, atom: Atom) -> list[Wired]:
+        return [self.value(s) for s in atom.inputs if s is not None and (s.atom in self._values or self._ahead(s))]
+
+    def _fail(self, atom: Atom, what: str, mend: str = "", undefined: str = "") -> None:
+        self.failures.setdefault(atom, Failure(atom, what, mend, undefined))
 
     def unsettled(self, atom: Atom) -> None:
         """Note that sizes and sample times in feedback do not come to an end."""
@@ -258,6 +274,14 @@ class Weaver:
         self.inputs[name] = atom
         return name
 
+    def opened(self, atom: Atom) -> OpenBus:
+        """The bus that a port takes; each of its signals that is used becomes an input."""
+        return OpenBus(name=self.input_name(atom), node=self._member)
+
+    def _member(self, name: str) -> int:
+        self.inputs.setdefault(name, None)
+        return self.loom.input(name)
+
     def missing(self, atom: Atom, number: int) -> Signal:
         """The signal of an output that is not bound though another of the block is."""
         self._fail(atom, f"its output {number} is not bound", f'Bind it as well: "{atom.path}:{number}".')
@@ -277,7 +301,7 @@ class Weaver:
         try:
             return stated_rate(atom, self.expressions, self.kind(atom))
         except NoValueError as error:
-            self._fail(atom, f"its sample time has no value: {error}")
+            self._fail(atom, f"its sample time has no value: {error}", "", error.undefined)
             return None
 
     def stated_period(self, atom: Atom) -> float | None:
@@ -329,13 +353,22 @@ class Weaver:
     # memory
 
     def _resets(self, atom: Atom) -> bool:
-        return atom.control is not None and resets(atom.control)
+        """Whether the memory of a block begins anew with a subsystem around it."""
+        return any(resets(control) or "reset" in control.special for control in controls(atom))
 
     def active(self, atom: Atom) -> int | None:
         """The node that says whether a block runs; None where it always does."""
         if atom.control is None:
             return None
         found = self.value(Source(atom.control, 0))
+        node = int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
+        return None if node is None or self.loom.value(node) == 1 else node
+
+    def restart(self, atom: Atom) -> int | None:
+        """The node that says whether the memory of a block begins anew; None where it never does."""
+        if atom.control is None or not self._resets(atom):
+            return None
+        found = self.value(Source(atom.control, 1))
         return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
 
     def gate(self, atom: Atom, period: float) -> int | None:
@@ -357,6 +390,8 @@ class Weaver:
     def signal(self, source: Source) -> Signal:
         """The signal of a block's output, which is no bus."""
         found = self.value(source)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             raise UnsupportedError(f"the output of {source.atom.path} is a bus")
         return found
@@ -431,18 +466,22 @@ class Weaver:
         node = self.clock.hit(self.loom, Rate(period)) if period > 0 else None
         return Signal(np.array([self.loom.const(1.0) if node is None else node], dtype=np.int64), max(period, 0.0))
 
+    def _ahead(self, source: Source) -> bool:
+        """Whether a source is the state port of a block whose state is known as the step begins."""
+        if source.port != STATE or source.atom.kind not in ("Integrator", "DiscreteIntegrator"):
+            return False
+        return source.atom.kind == "Integrator" or "Forward" in self.site(source.atom).text("IntegratorMethod")
+
     def _state_port(self, atom: Atom) -> Signal:
         """The state of a block as the step begins; the block itself, which a reset may change, is built later."""
-        if atom.kind not in ("Integrator", "DiscreteIntegrator"):
-            self._fail(atom, "its state port is read, which is not supported")
-            return self._nan()
-        if atom not in self._ports:
-            shape = self.guesses.shapes.get((atom, STATE), (1,))
-            nodes = np.array([self.loom.state() for _ in range(int(np.prod(shape)))], dtype=np.int64).reshape(shape)
+        if atom not in self._shown:
+            if atom not in self._ports:
+                shape = self.guesses.shapes.get((atom, STATE), (1,))
+                self._ports[atom] = np.array([self.loom.state() for _ in range(int(np.prod(shape)))]).reshape(shape)
             rate = self.rate(atom) or Rate(self.guessed_period(atom))
-            self._ports[atom] = Signal(nodes, rate.period)
+            port = Signal(self._ports[atom], rate.period)
             slow = atom.kind == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
-            self._shown[atom] = self._held(self._ports[atom], rate) if slow else self._ports[atom]
+            self._shown[atom] = self._held(port, rate) if slow else port
             self._pending.append((atom, lambda: self._visit(atom)))
         return self._shown[atom]
 
@@ -451,13 +490,16 @@ class Weaver:
         atom, number = key
         if number == STATE and atom in self._ports:
             if self._ports[atom].size == first.size:
-                return [int(node) for node in self._ports[atom].nodes.ravel()]
+                return [int(node) for node in self._ports[atom].ravel()]
             self.guesses.shape(key, first.shape)
-        return [self.loom.state(latency) for _ in range(first.size)]
+        states = [self.loom.state(latency) for _ in range(first.size)]
+        if number == STATE:
+            self._ports.setdefault(atom, np.array(states, dtype=np.int64).reshape(first.shape))
+        return states
 
     def wish(self, atom: Atom, shape: tuple[int, ...]) -> None:
         """Note the shape that a block asks of the memory or input before it, in case that no input gives it one."""
-        if atom in self._scalars:
+        if atom in self._scalars and int(np.prod(shape)) <= _WIDEST_WISH:
             self.wishes.setdefault(self._scalars[atom], shape)
 
     def open_shape(self, atom: Atom) -> tuple[int, ...]:
@@ -497,11 +539,11 @@ class Weaver:
 
     def _restarted(self, atom: Atom, read: Signal, first: Nodes) -> Signal:
         """A memory that begins anew when the subsystem around it is enabled again."""
-        if atom.control is None or not self._resets(atom):
+        begins = self.restart(atom)
+        if begins is None:
             return read
-        begins = self.value(Source(atom.control, 1))
-        assert isinstance(begins, Signal)
-        return replace(read, nodes=each(self.loom, "select", begins.nodes, first, read.nodes))
+        runs = np.array([begins], dtype=np.int64)
+        return replace(read, nodes=each(self.loom, "select", runs, first, read.nodes))
 
     def _close(
         self,
@@ -517,7 +559,7 @@ class Weaver:
             if all(wired.sound for wired in self._arriving(site.atom)):
                 new = self.at_major(then(seen))
         except UnsupportedError as unsupported:
-            self._fail(site.atom, unsupported.what, unsupported.mend)
+            self._fail(site.atom, *unsupported.parts)
         self.guesses.period(site.atom, self._inherited(site))
         if new.shape != seen.shape:
             if new.size == 1:
@@ -577,7 +619,7 @@ class Weaver:
             if all(wired.sound for wired in self._arriving(site.atom)):
                 rates = slope(seen)
         except UnsupportedError as unsupported:
-            self._fail(site.atom, unsupported.what, unsupported.mend)
+            self._fail(site.atom, *unsupported.parts)
         if rates.size == 1 < seen.size:
             self._widened(site, key)
         if rates.size > 1 and rates.shape != seen.shape:
@@ -598,12 +640,11 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
-    elsewhere = (atom.block.value("ReferencedSubsystem") or "").strip()
+    elsewhere = atom.block.elsewhere
     if elsewhere and atom.block.system is None:
-        return (
-            f"its content is in the file {elsewhere}, which is not followed",
-            "Put the content in its place, or bind it.",
-        )
+        stem = re.sub(r"\.(slx|mdl)\Z", "", elsewhere)
+        what = f"its content is in the file {elsewhere}, which was not found or does not fit"
+        return what, f"Put {stem}.slx beside the model, or bind it."
     if atom.block.type == "ModelReference":
         return (
             f"it runs the model {atom.block.model}, which was not found",
@@ -612,21 +653,8 @@ def unknown(atom: Atom) -> tuple[str, str]:
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]
-        return f"it is a link to {link.source}, which was not found", f"Put {library}.slx beside the model, or bind it."
+        return f"it is a link into the library {library}, which was not found", f"Put {library}.slx beside the model."
     return f"blocks of type {atom.kind} are not supported", ""
-
-
-def resets(control: Atom) -> bool:
-    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
-    for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
-        if port in control.special and (control.special[port].value(key) or "held") == "reset":
-            return True
-    trigger = control.special.get("trigger")
-    return (
-        trigger is not None
-        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
-        and "enable" in control.special
-    )
 
 
 def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weaver:
