@@ -31,6 +31,7 @@ __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
 UNFIT = (ValueError, IndexError, TypeError, ArithmeticError, NoValueError)
 _MOST_PASSES = 500
+_WIDEST_WISH = 1000
 
 
 class Failure(NamedTuple):
@@ -89,7 +90,7 @@ class Weaver:
         self.integrated: list[Integrated] = []
         self.stores = Stores(flat.atoms)
         self._stored: dict[Atom, Signal] = {}
-        self._ports: dict[Atom, Signal] = {}  # states, as memories and as they are shown
+        self._ports: dict[Atom, Nodes] = {}  # states that ports may show, and those that are shown
         self._shown: dict[Atom, Signal] = {}
         self._scalars: dict[Atom, tuple[Atom, int]] = {}
         self.wishes: dict[tuple[Atom, int], tuple[int, ...]] = {}
@@ -123,8 +124,8 @@ class Weaver:
         inits = {read: s.init for read, s in zip(reads, self.loom.states, strict=True) if s.init >= 0}
         inits |= {one.state: one.init for one in self.integrated}
         found: dict[int, int] = {}
-        for atom, port in self._ports.items():
-            for state in port.flat:
+        for atom in self._shown:
+            for state in map(int, self._ports[atom].ravel()):
                 made = at_start(self.loom, state, inits) if state in inits else self.loom.const(0.0)
                 if made is None:
                     self._fail(atom, "its initial value depends on its own state")
@@ -182,7 +183,7 @@ class Weaver:
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return []
-        found = [source.atom for source in sources if source is not None and source.port != STATE]
+        found = [source.atom for source in sources if source is not None and not self._ahead(source)]
         if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
             found += [atom.control] if atom.control is not None else []
         return [*found, *(self.stores.before(atom) if atom.store is not None else ())]
@@ -201,12 +202,15 @@ class Weaver:
 
     def value(self, source: Source) -> Wired:
         """The signal of a block's output; the block has been built already, unless it is its state port."""
-        if source.port == STATE:
+        if self._ahead(source):
             return self._state_port(source.atom)
         outputs = self._values.get(source.atom)
         if outputs is None:
             raise UnsupportedError(f"its input from {source.atom.path} comes too late")
-        port = len(outputs) - 1 if source.port < 0 else source.port  # a state port is the last output
+        if source.port == STATE and source.atom.kind != "DiscreteIntegrator" and outputs[-1].sound:
+            self._fail(source.atom, "its state port is read, which is not supported")
+            return self._nan()
+        port = len(outputs) - 1 if source.port == STATE else source.port  # a state port is the last output
         return outputs[port] if port < len(outputs) else self._nan()
 
     def outputs(self, atom: Atom) -> tuple[Wired, ...]:
@@ -246,7 +250,7 @@ class Weaver:
             return
 
     def _arriving(self, atom: Atom) -> list[Wired]:
-        return [self.value(s) for s in atom.inputs if s is not None and (s.atom in self._values or s.port == STATE)]
+        return [self.value(s) for s in atom.inputs if s is not None and (s.atom in self._values or self._ahead(s))]
 
     def _fail(self, atom: Atom, what: str, mend: str = "", undefined: str = "") -> None:
         self.failures.setdefault(atom, Failure(atom, what, mend, undefined))
@@ -462,18 +466,22 @@ class Weaver:
         node = self.clock.hit(self.loom, Rate(period)) if period > 0 else None
         return Signal(np.array([self.loom.const(1.0) if node is None else node], dtype=np.int64), max(period, 0.0))
 
+    def _ahead(self, source: Source) -> bool:
+        """Whether a source is the state port of a block whose state is known as the step begins."""
+        if source.port != STATE or source.atom.kind not in ("Integrator", "DiscreteIntegrator"):
+            return False
+        return source.atom.kind == "Integrator" or "Forward" in self.site(source.atom).text("IntegratorMethod")
+
     def _state_port(self, atom: Atom) -> Signal:
         """The state of a block as the step begins; the block itself, which a reset may change, is built later."""
-        if atom.kind not in ("Integrator", "DiscreteIntegrator"):
-            self._fail(atom, "its state port is read, which is not supported")
-            return self._nan()
-        if atom not in self._ports:
-            shape = self.guesses.shapes.get((atom, STATE), (1,))
-            nodes = np.array([self.loom.state() for _ in range(int(np.prod(shape)))], dtype=np.int64).reshape(shape)
+        if atom not in self._shown:
+            if atom not in self._ports:
+                shape = self.guesses.shapes.get((atom, STATE), (1,))
+                self._ports[atom] = np.array([self.loom.state() for _ in range(int(np.prod(shape)))]).reshape(shape)
             rate = self.rate(atom) or Rate(self.guessed_period(atom))
-            self._ports[atom] = Signal(nodes, rate.period)
+            port = Signal(self._ports[atom], rate.period)
             slow = atom.kind == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
-            self._shown[atom] = self._held(self._ports[atom], rate) if slow else self._ports[atom]
+            self._shown[atom] = self._held(port, rate) if slow else port
             self._pending.append((atom, lambda: self._visit(atom)))
         return self._shown[atom]
 
@@ -482,13 +490,16 @@ class Weaver:
         atom, number = key
         if number == STATE and atom in self._ports:
             if self._ports[atom].size == first.size:
-                return [int(node) for node in self._ports[atom].nodes.ravel()]
+                return [int(node) for node in self._ports[atom].ravel()]
             self.guesses.shape(key, first.shape)
-        return [self.loom.state(latency) for _ in range(first.size)]
+        states = [self.loom.state(latency) for _ in range(first.size)]
+        if number == STATE:
+            self._ports.setdefault(atom, np.array(states, dtype=np.int64).reshape(first.shape))
+        return states
 
     def wish(self, atom: Atom, shape: tuple[int, ...]) -> None:
         """Note the shape that a block asks of the memory or input before it, in case that no input gives it one."""
-        if atom in self._scalars:
+        if atom in self._scalars and int(np.prod(shape)) <= _WIDEST_WISH:
             self.wishes.setdefault(self._scalars[atom], shape)
 
     def open_shape(self, atom: Atom) -> tuple[int, ...]:

@@ -75,7 +75,12 @@ def discrete_integrator(site: Site) -> Wired | tuple[Wired, ...]:
     gain = site.parameter("gainval") if accumulates else site.call("mul", site.parameter("gainval"), _step(site))
     kind = resetting(site)
     reset = reset_signal(site, site.input(1), kind, sampled=True) if kind != "none" else None
-    return with_saturation(site, _added_up(site, method, gain, init, reset))
+    y = with_saturation(site, _added_up(site, method, gain, init, reset))
+    if method == "forward" or not site.on("ShowStatePort"):
+        return y
+    if reset is not None:
+        raise UnsupportedError(f"its state port shows the state before a reset, which is not supported for {method}")
+    return (*y, y[0]) if isinstance(y, tuple) else (y, y)
 
 
 def _step(site: Site) -> Signal:
