@@ -165,7 +165,10 @@ def _end(written, usual):
 
 
 class Model(System):
-    """A model, or with kind="Library" a library. `defaults` are by block type; `code` fills the model workspace."""
+    """A model, or with kind="Library" a library. `defaults` are by block type; `code` fills the model workspace.
+
+    `configuration` names one that is kept elsewhere.
+    """
 
     def __init__(
         self,
@@ -183,7 +186,9 @@ class Model(System):
         dictionary="",
         defaults=None,
         sids=True,
+        configuration="",
     ):
+        self.configuration = configuration
         self.count = 0
         super().__init__(self)
         self.name, self.kind, self.release, self.sids = name, kind, release, sids
@@ -271,6 +276,10 @@ def _parts(model, separate):
         f'{HEAD}<ConfigSet><Object ClassName="Simulink.ConfigSet"><Array PropName="Components" Type="Handle">'
         f'<Object ObjectID="2" ClassName="Simulink.SolverCC">{solver}</Object></Array></Object></ConfigSet>'
     )
+    if model.configuration:
+        name = _p("WSVarName", model.configuration)
+        elsewhere = f'<ConfigSet><Object ClassName="Simulink.ConfigSetRef">{name}</Object></ConfigSet>'
+        parts["simulink/configSet0.xml"] = HEAD + elsewhere
     release = f"<mwcoreProperties><matlabRelease>{model.release}</matlabRelease></mwcoreProperties>"
     parts["metadata/mwcoreProperties.xml"] = HEAD + release
     _charts_xml(model, parts, separate)
@@ -457,6 +466,8 @@ def _classic(model):
         content.append(_key("WSMdlFileData", "DataTag0"))
     solver = _braces("Simulink.SolverCC", "$ObjectID 8", *(_key(*pair) for pair in model.solver.items()))
     configuration = _braces("Simulink.ConfigSet", "$ObjectID 7", _braces("Array", 'Type "Handle"', solver))
+    if model.configuration:
+        configuration = _braces("Simulink.ConfigSetRef", "$ObjectID 7", _key("WSVarName", model.configuration))
     content.append(_braces("Array", 'Type "Handle"', configuration, 'PropName "ConfigurationSets"'))
     content.append(_braces("Simulink.ConfigSet", '$PropName "ActiveConfigurationSet"', "$ObjectID 7"))
     if model.defaults:

@@ -194,7 +194,6 @@ def test_a_loop_without_an_end_says_how_to_bound_it(tmp_path):
         ("ForIterator", {"IterationLimit": "1001"}, "1001 passes in a step; 1 to 1000"),
         ("ForIterator", {"IterationLimit": "0"}, "0 passes"),
         ("ForIterator", {"IterationLimit": "2.5"}, "no whole number"),
-        ("ForIterator", {"IterationLimit": "lost"}, "lost is defined nowhere"),
         ("ForIterator", {"ExternalIncrement": "on"}, "takes its next iteration from outside"),
         ("WhileIterator", {"WhileBlockType": "until"}, "WhileBlockType is 'until'"),
         ("ForEach", {"NeedActiveIterationSignal": "on"}, "NeedActiveIterationSignal"),
@@ -203,6 +202,11 @@ def test_a_loop_without_an_end_says_how_to_bound_it(tmp_path):
 def test_loops_that_cannot_be_unrolled_are_told(kind, settings, told, tmp_path):
     with pytest.raises(InputError, match=f"Loop: .*{told}"):
         imported(loop(summing, kind, **settings), tmp_path, parameters=[GIVEN])
+
+
+def test_a_limit_without_a_value_is_told_by_name(tmp_path):
+    with pytest.raises(InputError, match="variable lost: has no value; Loop needs it"):
+        imported(loop(summing, IterationLimit="lost"), tmp_path, parameters=[GIVEN])
 
 
 def test_loops_within_loops_are_bounded(tmp_path):

@@ -231,7 +231,7 @@ class Weaver:
         if atom in self.failures:
             return self._unsound(atom)
         if kind is None:
-            self._fail(atom, *unknown(atom))
+            self._fail(atom, *unknown(atom), atom.undefined)
             self._pending.append((atom, lambda: None))  # what stands before it is looked at all the same
             return self._unsound(atom)
         if any(not wired.sound for wired in self._arriving(atom)):

@@ -42,7 +42,7 @@ class Atom:
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
     around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
     blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name.
+    block reads or writes by its name. `why` says why it cannot be built, `undefined` which variable has no value then.
 
     In a subsystem that runs several times in a step, `passes` are the passes that it belongs to, of each such subsystem
     around it; `earlier` and `later` are the same block one pass before and behind. `begins` is set in a first pass
@@ -59,6 +59,7 @@ class Atom:
     taken: dict[int, str] = field(default_factory=dict)
     special: dict[str, Block] = field(default_factory=dict)
     why: str = ""
+    undefined: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
     store: "Atom | None" = None
     passes: tuple[int, ...] = ()
@@ -254,7 +255,7 @@ class _Flattening:
                 self._enter(level, block, with_choice(block, choice))
                 level.below[block.sid].variant = True
         except NoValueError as error:
-            self._atom(level, block, block.type, f"a block of variants, and {error}")
+            self._atom(level, block, block.type, f"a block of variants, and {error}").undefined = error.undefined
             return
         if block.type != "SubSystem":
             self._passed(level, block, at)
@@ -286,7 +287,8 @@ class _Flattening:
         try:
             plan = planned(iterator, block, path, scope, self.counts) if iterator is not None else None
         except NoValueError as error:
-            self._atom(level, block, block.type, f"a subsystem that runs several times in a step, and {error}")
+            why = f"a subsystem that runs several times in a step, and {error}"
+            self._atom(level, block, block.type, why).undefined = error.undefined
             return
         special = {_SPECIAL[b.type]: b for b in system.of(*_SPECIAL)}
         control = level.control

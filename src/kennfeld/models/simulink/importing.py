@@ -26,7 +26,7 @@ from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
-from kennfeld.models.simulink.tree import Block, Document, System, split
+from kennfeld.models.simulink.tree import Block, Document, Solver, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
 from kennfeld.models.simulink.variants import content
 
@@ -184,6 +184,7 @@ class Work:
         self.substitutions: list[str] = []
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
+        self.settings = self._settings()
         self.solver, self.clock = self._solver()
         if step is not None:
             if not 0 < step < math.inf:
@@ -205,9 +206,22 @@ class Work:
 
     # the solver
 
+    def _settings(self) -> Solver:
+        """The settings of the solver: those of the file, or of the configuration that it refers to."""
+        settings, seen = self.document.solver, set[str]()
+        while settings.reference:
+            name = settings.reference
+            if name in seen or name not in self.variables.solvers:
+                why = "leads back to itself" if name in seen else "was not found"
+                self.substitutions.append(f"the configuration {name[:60]} {why}: give the dictionary that holds it")
+                return settings
+            seen.add(name)
+            settings = self.variables.solvers[name]
+        return settings
+
     def _solver(self) -> tuple[str, Clock]:
         """The solver, and the steps of the model."""
-        given = self.document.solver
+        given = self.settings
         continuous = any(atom.kind in _CONTINUOUS for atom in self.flat.atoms)
         periods = self._periods()
         name = given.name
@@ -226,14 +240,14 @@ class Work:
         return solver, Clock(step, continuous)
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
-        text = self.document.solver.fixed_step.strip()
+        text = self.settings.fixed_step.strip()
         stated = self._number(text) if text not in ("", "auto") else None
         if stated is not None and stated > 0:
             return stated
         common = common_step(periods)
         if common is not None or not continuous:
             return common
-        start, stop = (self._number(text) for text in (self.document.solver.start, self.document.solver.stop))
+        start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
         return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
 
     def _number(self, text: str) -> float | None:
