@@ -53,12 +53,17 @@ class Block:
 
 @dataclass
 class Mask:
-    """`parameters` are names with expressions; those in `texts` are not evaluated."""
+    """`parameters` are names with expressions; those in `texts` are not evaluated.
+
+    `types` are those that are not "edit", `options` the choices of popups.
+    """
 
     parameters: dict[str, str]
     type: str = ""
     initialization: str = ""
     texts: tuple[str, ...] = ()
+    types: dict[str, str] = field(default_factory=dict)
+    options: dict[str, list[str]] = field(default_factory=dict)
 
 
 @dataclass
@@ -347,12 +352,18 @@ def _block_xml(block, parts, separate):
 def _mask_xml(mask):
     text = ' Evaluate="off"'
     parameters = "".join(
-        f'<MaskParameter Name={quoteattr(name)} Type="edit"{text if name in mask.texts else ""}>'
-        f"<Prompt>{escape(name)}</Prompt><Value>{escape(value)}</Value></MaskParameter>"
+        f'<MaskParameter Name={quoteattr(name)} Type="{mask.types.get(name, "edit")}"'
+        f"{text if name in mask.texts else ''}>"
+        f"<Prompt>{escape(name)}</Prompt><Value>{escape(value)}</Value>{_options_xml(mask, name)}</MaskParameter>"
         for name, value in mask.parameters.items()
     )
     code = f"<Initialization>{escape(mask.initialization)}</Initialization>" if mask.initialization else ""
     return f"<Mask><Type>{escape(mask.type)}</Type>{code}{parameters}</Mask>"
+
+
+def _options_xml(mask, name):
+    options = "".join(f"<Option>{escape(option)}</Option>" for option in mask.options.get(name, ()))
+    return f"<TypeOptions>{options}</TypeOptions>" if options else ""
 
 
 def _line_xml(wire, sids):
@@ -523,7 +534,8 @@ def _mask_braces(mask):
             "$ObjectID 9",
             _key("Name", name),
             _key("Value", value),
-            'Type "edit"',
+            _key("Type", mask.types.get(name, "edit")),
+            *_options_braces(mask, name),
             f'Evaluate "{"off" if name in mask.texts else "on"}"',
             _key("Prompt", name),
         )
@@ -534,6 +546,13 @@ def _mask_braces(mask):
         head.append(_key("Initialization", mask.initialization))
     array = _braces("Array", 'Type "Simulink.MaskParameter"', *parameters, 'PropName "Parameters"')
     return _braces("Object", *head, *([array] if parameters else []))
+
+
+def _options_braces(mask, name):
+    cells = [_key("Cell", option) for option in mask.options.get(name, ())]
+    return (
+        [_braces("Array", 'Type "Cell"', f"Dimension {len(cells)}", *cells, 'PropName "TypeOptions"')] if cells else []
+    )
 
 
 def _line_braces(wire):

@@ -16,6 +16,7 @@ from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
 from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -24,9 +25,9 @@ from kennfeld.models.simulink.libraries import Libraries
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
-from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
-from kennfeld.models.simulink.tree import Block, Document, Solver, System, split
+from kennfeld.models.simulink.tree import Block, Document, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
 from kennfeld.models.simulink.variants import content
 
@@ -111,8 +112,9 @@ class Opened:
         resolved = Libraries(folders).resolve(read_document(path))
         document = resolved.document
         variables = variables_of(document, parameters)
-        models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
+        models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
         remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        variables.update(asked(document, variables))
         return Opened(Path(path), document, variables, models, remarks)
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
@@ -150,6 +152,12 @@ class Opened:
             raise InputError.of(self.path.name, str(error)) from None
 
 
+def _seen(document: Document, around: Variables) -> dict[str, Variable]:
+    """The names that a referenced model sees: its own, then those of the model around it."""
+    own = variables_of(document, ())
+    return {**around, **own, **asked(document, own)}
+
+
 def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
     """The formulas of cut blocks by their paths within the imported system."""
     for key, text in bind.items():
@@ -184,7 +192,8 @@ class Work:
         self.substitutions: list[str] = []
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
-        self.settings = self._settings()
+        self.settings, lost = settings_of(self.document, self.variables)
+        self.substitutions += [lost] if lost else []
         self.solver, self.clock = self._solver()
         if step is not None:
             if not 0 < step < math.inf:
@@ -205,19 +214,6 @@ class Work:
             raise InputError(findings)
 
     # the solver
-
-    def _settings(self) -> Solver:
-        """The settings of the solver: those of the file, or of the configuration that it refers to."""
-        settings, seen = self.document.solver, set[str]()
-        while settings.reference:
-            name = settings.reference
-            if name in seen or name not in self.variables.solvers:
-                why = "leads back to itself" if name in seen else "was not found"
-                self.substitutions.append(f"the configuration {name[:60]} {why}: give the dictionary that holds it")
-                return settings
-            seen.add(name)
-            settings = self.variables.solvers[name]
-        return settings
 
     def _solver(self) -> tuple[str, Clock]:
         """The solver, and the steps of the model."""
