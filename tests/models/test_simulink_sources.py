@@ -41,7 +41,7 @@ def test_a_chirp_is_that_of_scipy(tmp_path):
 def test_a_generator_makes_sine_waves(units, factor, tmp_path):
     found = source("SignalGenerator", tmp_path, Amplitude="2", Frequency="0.7", Units=units)
     np.testing.assert_allclose(found, 2 * np.sin(0.7 * factor * TIME), atol=1e-12)
-    with pytest.raises(InputError, match="its wave form is 'random', and only sine is supported. Bind it"):
+    with pytest.raises(InputError, match=r"its wave form is 'random', and only sine is supported\. Bind it"):
         source("SignalGenerator", tmp_path, WaveForm="random")
 
 
@@ -101,7 +101,7 @@ def test_signals_that_are_not_in_the_model_are_to_be_bound(parameters, told, tmp
 @pytest.mark.parametrize("kind", ["RandomNumber", "UniformRandomNumber", "FromFile", "FromSpreadsheet"])
 def test_random_and_recorded_signals_are_refused_and_can_be_bound(kind, tmp_path):
     drawn = alone(kind, 0)
-    with pytest.raises(InputError, match="recorded or random and not part of the model. Bind it to a channel"):
+    with pytest.raises(InputError, match=r"recorded or random and not part of the model\. Bind it to a channel"):
         imported(drawn, tmp_path)
     model = imported(drawn, tmp_path, bind={"B": "2 * noise"})
     assert run(model, {"noise": [1.0, 2.0]})["y1"].tolist() == [2.0, 4.0]

@@ -44,10 +44,10 @@ def lookup_nd(site: Site) -> Wired:
     count = site.whole("NumberOfTableDimensions", 1, 30)
     if count > 4:
         raise UnsupportedError(f"its table has {count} dimensions; parameters have at most 4")
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     names = [f"BreakpointsForDimension{i + 1}" for i in range(count)]
     if site.chosen("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
-        axes = [_even(site, i + 1, size) for i, size in enumerate(_shape(site, "Table", count))]
+        axes = [_even(site, i + 1, size) for i, size in enumerate(shape_of(site, "Table", count))]
     else:
         axes = [_axis(site, name) for name in names]
     return looked_up(site, "Table", axes, _coordinates(site, count), method)
@@ -65,11 +65,12 @@ def _object(site: Site) -> Wired:
             axes.append(Axis(points))
         except ArgumentError as error:
             raise UnsupportedError(f"breakpoints {at + 1} of {whole}: {error}") from None
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     return _looked_up(site, replace(table, name=whole), axes, _coordinates(site, count), method)
 
 
-def _method(between: str, beyond: str) -> Method:
+def method_of(between: str, beyond: str) -> Method:
+    """The method that the words of a block mean; raises `UnsupportedError` for others."""
     kind = {**dict.fromkeys(_LINEAR, "linear"), **dict.fromkeys(_NEAREST, "nearest"), **dict.fromkeys(_FLAT, "flat")}
     if between not in kind:
         raise UnsupportedError(f"InterpMethod is {between!r}, which is not supported", "Linear, nearest and flat are.")
@@ -95,7 +96,8 @@ def _even(site: Site, number: int, size: int) -> Axis:
     return Axis(first + spacing * np.arange(size))
 
 
-def _shape(site: Site, name: str, count: int) -> tuple[int, ...]:
+def shape_of(site: Site, name: str, count: int) -> tuple[int, ...]:
+    """The sizes of a table along its dimensions."""
     found = site.numbers(name)
     return (found.size,) if count == 1 else found.shape
 
@@ -191,14 +193,18 @@ def _old_method(site: Site) -> Method:
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
        Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
 def direct_lookup(site: Site) -> Wired:
-    """An element of a table by its places, counted from 0; those beyond the ends take the ends."""
-    site.chosen("InputsSelectThisObjectFromTable", "Element")
+    """An element or a column of a table by its places, counted from 0; those beyond the ends take the ends."""
+    wanted = site.chosen("InputsSelectThisObjectFromTable", "Element", "Column")
     if site.on("TableIsInput"):
-        raise UnsupportedError("its table is an input")
+        raise UnsupportedError("its table is an input", "Put a Selector in its place.")
     count = site.whole("NumberOfTableDimensions", 1, 4)
-    shape = _shape(site, "Table", count)
+    shape = shape_of(site, "Table", count)
+    places = [site.call("floor", one) for one in site.inputs]
+    if wanted == "Column":
+        places.insert(0, site.constant(*map(float, range(shape[0]))))
+    if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
+        raise UnsupportedError(f"its inputs do not choose an {wanted.lower()} of a table of {count} dimensions")
     axes = [Axis(np.arange(size)) for size in shape]
-    places = [site.call("floor", site.input(at)) for at in range(count)]
     return looked_up(site, "Table", axes, places, Method("linear", "clip"))
 
 
@@ -223,50 +229,3 @@ def _line(site: Site, x: Signal, points: list[list[Signal]], at: int) -> Signal:
     (x0, x1), (y0, y1) = (one[at : at + 2] for one in points)
     share = site.call("div", site.call("sub", x, x0), site.call("sub", x1, x0))
     return site.call("add", y0, site.call("mul", share, site.call("sub", y1, y0)))
-
-
-@block("PreLookup", BreakpointsData="[10:10:100]", BreakpointsSpecification="Explicit values",
-       BreakpointsDataSource="Dialog", ExtrapMethod="Clip", OutputSelection="Index and fraction", IndexSearchMethod="",
-       BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11")  # fmt: skip
-def prelookup(site: Site) -> tuple[Wired, ...]:
-    """The cell that holds the input, counted from 0, and where within it."""
-    selection = site.chosen("OutputSelection", "Index and fraction", "Index only")
-    beyond = site.chosen("ExtrapMethod", "Clip", "None - Clip", "Linear")
-    points = _points(site)
-    if points.size < 2 or not np.all(np.diff(points) > 0):
-        raise UnsupportedError("its breakpoints do not increase")
-    u = site.input()
-    index, low, width = (site.constant(float(one)) for one in (0.0, points[0], points[1] - points[0]))
-    for at in range(1, points.size - 1):
-        within = site.call("ge", u, site.constant(float(points[at])))
-        index = site.select(within, site.constant(float(at)), index)
-        low = site.select(within, site.constant(float(points[at])), low)
-        width = site.select(within, site.constant(float(points[at + 1] - points[at])), width)
-    fraction = site.call("div", site.call("sub", u, low), width)
-    if beyond != "Linear":
-        fraction = site.clip(fraction, site.constant(0.0), site.constant(1.0))
-    return (index,) if selection == "Index only" else (index, fraction)
-
-
-def _points(site: Site) -> Array:
-    if site.text("BreakpointsSpecification") == "Even spacing":
-        count = site.whole("BreakpointsNumPoints", 2, 100_000)
-        first, spacing = site.number("BreakpointsFirstPoint"), site.number("BreakpointsSpacing")
-        return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
-    return site.numbers("BreakpointsData").ravel()
-
-
-@block("Interpolation_n-D", NumberOfTableDimensions="2", Table="sqrt([1:11]' * [1:11])", InterpMethod="Linear",
-       ExtrapMethod="Clip", NumSelectionDims="0", TableSource="Dialog", RequireIndexFractionAsBus="off",
-       TableSpecification="Explicit values")  # fmt: skip
-def interpolation(site: Site) -> Wired:
-    """A table at cells and fractions that a prelookup found; its axes are the numbers of the breakpoints."""
-    site.chosen("TableSource", "Dialog")
-    site.chosen("TableSpecification", "Explicit values")
-    if site.whole("NumSelectionDims", 0, 5) or site.on("RequireIndexFractionAsBus"):
-        raise UnsupportedError("it selects parts of its table, or takes buses")
-    count = site.whole("NumberOfTableDimensions", 1, 4)
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
-    axes = [Axis(np.arange(size)) for size in _shape(site, "Table", count)]
-    places = [site.call("add", site.input(2 * at), site.input(2 * at + 1)) for at in range(count)]
-    return looked_up(site, "Table", axes, places, method)
