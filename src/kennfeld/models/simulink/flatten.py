@@ -100,6 +100,15 @@ class Level:
         return next((b for b in self.system.of(kind) if _number(b) == number), None)
 
 
+def _original(level: Level, source: Endpoint | None) -> Endpoint | None:
+    """The end of the inport itself, where a line begins at another mark of the same inport."""
+    block = level.system.by_sid.get(source.block) if source is not None else None
+    if source is None or block is None or block.type != "InportShadow":
+        return source
+    inport = level.port("Inport", _number(block))
+    return Endpoint(inport.sid, source.port, source.number) if inport is not None else None
+
+
 def _number(block: Block) -> int:
     written = (block.value("Port") or "1").strip()
     return int(written) if written.isdecimal() else 1
@@ -168,7 +177,7 @@ class _Flattening:
         elif block.type == "Goto":
             self.gotos.setdefault((block.value("GotoTag") or "A").strip(), []).append((level, block))
         elif (
-            block.type in ("From", "GotoTagVisibility")
+            block.type in ("From", "GotoTagVisibility", "InportShadow")
             or block.type in _SPECIAL
             or (block.type == "Inport" and level.parent is not None)
         ):
@@ -306,7 +315,7 @@ class _Flattening:
         seen: set[tuple[int, Endpoint]] = set()
         while here is not None and at is not None and (id(here), at) not in seen:
             seen.add((id(here), at))
-            source = here.sources.get(at)
+            source = _original(here, here.sources.get(at))
             if source is None:
                 return
             yield here, source
