@@ -35,6 +35,8 @@ _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _CONTINUOUS = {
     "Integrator",
     "PID 1dof",
+    "PID Controller",
+    "PID Controller (with Approximate Derivative)",
     "PID 2dof",
     "SecondOrderIntegrator",
     "StateSpace",
@@ -268,7 +270,7 @@ class _Import:
         unsupported += [
             Unsupported(atom.path, atom.block.type, *unknown(atom), False)
             for atom in atoms
-            if atom.kind not in KINDS and atom.path not in seen
+            if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
         undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]

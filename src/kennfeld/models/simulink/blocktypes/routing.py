@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.places import length_of, listed, positions
+from kennfeld.models.simulink.blocktypes.places import length_of, listed, lists_of, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.expressions import towards_zero
 from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest, leaves
 from kennfeld.models.simulink.site import Site
@@ -247,16 +248,23 @@ def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
 @block("MultiPortSwitch", Inputs="3", DataPortOrder="One-based contiguous", DataPortIndices="{1,2,3}", SampleTime="-1",
        DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
 def multiport_switch(site: Site) -> Wired:
-    """One of several inputs by the number at the first; the last one for any number beyond."""
-    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous")
-    first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+    """One of several inputs by the number at the first; the last one for any number that is none of theirs."""
+    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
     index = site.input(0)
+    index = Signal(towards_zero(site.loom, index.nodes), index.period)
     data = [site.wired(at) for at in range(1, site.count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
         only = data[0]
         data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
+    if order == "Specify indices":
+        numbers = lists_of(site, "DataPortIndices")
+    else:
+        first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+        numbers = [[float(first + at)] for at in range(len(data))]
+    if len(numbers) < len(data) - 1:
+        raise UnsupportedError(f"it has {len(numbers)} lists of numbers for {len(data)} data ports")
     made = data[-1]
     for at in reversed(range(len(data) - 1)):
-        limit = site.constant(float(at + 1 + first))
-        made = chosen(site, site.call("lt", index, limit), data[at], made)
+        here = site.fold("or", [site.call("eq", index, site.constant(number)) for number in numbers[at]])
+        made = chosen(site, here, data[at], made)
     return made
