@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from kennfeld.models.simulink.bus_ports import element_of, elements
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
@@ -36,7 +37,7 @@ class Atom:
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
     around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
     blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name.
+    block reads or writes by its name. `ways` are the elements of a bus that it stands for.
     """
 
     kind: str
@@ -51,6 +52,7 @@ class Atom:
     why: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
     store: "Atom | None" = None
+    ways: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<{self.kind} {self.path}>"
@@ -172,6 +174,8 @@ class _Flattening:
         path = joined(*level.path, block.name)
         if path in self.cuts:
             self._atom(level, block, "Bound")
+        elif level.parent is not None and element_of(block) is not None:
+            self._element(level, block)
         elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
             self._enter(level, block, block.system)
         elif block.type == "Goto":
@@ -188,6 +192,15 @@ class _Flattening:
         else:
             closed = block.type in _NESTED and block.system is not None
             self._atom(level, block, _kind(block, self.known), why if closed else "")
+
+    def _element(self, level: Level, block: Block) -> None:
+        """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
+        conditional = level.control is not None and level.control.block is level.holder
+        if block.type == "Inport":
+            self._atom(level, block, "BusElement")
+        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
+            why = "an output of a conditional subsystem that is made of bus elements"
+            self._atom(level, block, "BusElements", why if conditional else "")
 
     def _closed(self, block: Block) -> str:
         """Why a subsystem is not looked into; empty where it is."""
@@ -241,7 +254,14 @@ class _Flattening:
     def _inputs(self, level: Level, sid: str, atom: Atom) -> None:
         count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
+        if atom.kind == "BusElements":
+            shared = elements(level.system, "Outport", (atom.block.value("Port") or "1").strip())
+            ends = [Endpoint(one.sid, "in") for one in shared]
+            atom.ways = tuple(element_of(one) or "" for one in shared)
         atom.inputs = [self.source(level, end) for end in ends]
+        if atom.kind == "BusElement" and level.parent is not None and level.holder is not None:
+            atom.inputs = [self.source(level.parent, Endpoint(level.holder.sid, "in", _number(atom.block)))]
+            atom.ways = (element_of(atom.block) or "",)
         atom.taken = {i: name for i, end in enumerate(ends) if (name := self._label(level, end))}
         atom.names = {number - 1: name for number, name in atom.block.signals.items()} | level.named.get(sid, {})
 

@@ -2,6 +2,7 @@
 
 from kennfeld.graph import CLOCK
 from kennfeld.models.simulink.build import Weaver
+from kennfeld.models.simulink.bus_ports import port_label
 from kennfeld.models.simulink.flatten import Atom, Flat
 from kennfeld.models.simulink.signals import leaves
 
@@ -29,7 +30,19 @@ class Names:
 
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""
-        skipped = ("Outport", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector")
+        skipped = (
+            "Outport",
+            "BusElement",
+            "BusElements",
+            "Inport",
+            "Constant",
+            "Ground",
+            "Control",
+            "Mux",
+            "Demux",
+            "BusCreator",
+            "BusSelector",
+        )
         rest = [atom for atom in flat.atoms if atom.kind not in skipped and self.weaver.outputs(atom)]
         for atom in rest:
             for port, name in atom.names.items():
@@ -70,4 +83,4 @@ class Names:
 
 
 def _output_name(atom: Atom) -> str:
-    return atom.block.name if atom.kind == "Outport" else (atom.block.value("VariableName") or atom.path)
+    return port_label(atom.block) if atom.kind == "Outport" else (atom.block.value("VariableName") or atom.path)

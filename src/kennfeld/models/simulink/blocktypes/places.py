@@ -11,6 +11,8 @@ from kennfeld.models.simulink.site import Site
 
 __all__ = ["length_of", "listed", "lists_of", "positions", "within"]
 
+_MOST_NUMBERS = 10_000
+
 
 def listed(site: Site, *names: str) -> list[str]:
     """A setting for each dimension, separated by commas or quoted; the first that the file states."""
@@ -72,6 +74,8 @@ def lists_of(site: Site, field: str) -> list[list[float]]:
         found = [site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel().tolist() for one in parts]
     except NoValueError as error:
         raise UnsupportedError(f"{field} ({text[:60]}) has no value: {error}") from None
+    if sum(map(len, found)) > _MOST_NUMBERS:
+        raise UnsupportedError(f"{field} has {sum(map(len, found))} numbers; {_MOST_NUMBERS} are the most")
     if not all(found):
         raise UnsupportedError(f"{field} is {text[:60]}, which has an empty part")
     return found

@@ -123,6 +123,35 @@ def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
     return Bus({**wired.members, way[0]: _assigned(wired.members[way[0]], way[1:], new)})
 
 
+@block("BusElement")
+def bus_element(site: Site) -> Wired:
+    """An element of the bus that a subsystem takes; the bus itself where none is named."""
+    way = site.atom.ways[0] if site.atom.ways else ""
+    return member_of(site, site.wired(0), way) if way else site.wired(0)
+
+
+@block("BusElements")
+def bus_of_elements(site: Site) -> Wired:
+    """The bus that a subsystem gives, of the elements that its blocks name."""
+    if site.atom.why:
+        raise UnsupportedError(f"it is {site.atom.why}")
+    bus: Wired = Bus()
+    for at, way in enumerate(site.atom.ways):
+        if not way:
+            return site.wired(at)
+        bus = _set(bus, way.split("."), site.wired(at))
+    return bus
+
+
+def _set(wired: Wired, way: list[str], new: Wired) -> Wired:
+    """A bus with a signal put in, and buses on the way to it where there are none."""
+    if not way:
+        return new
+    members = dict(wired.members) if isinstance(wired, Bus) else {}
+    members[way[0]] = _set(members.get(way[0], Bus()), way[1:], new)
+    return Bus(members)
+
+
 @block("Concatenate", Mode="Vector", ConcatenateDimension="1")
 def concatenate(site: Site) -> Wired:
     """Vectors behind each other, or matrices along a dimension."""
