@@ -294,4 +294,6 @@ def test_what_no_setting_makes_possible_counts_as_unsupported_wherever_it_stands
     drawn.line("Noise", "End")
     report = import_simulink(drawn.write(tmp_path)).report
     assert report.whole
-    assert [one.path for one in report.unsupported] == ["Noise"]
+    assert [(one.path, one.why) for one in report.unsupported] == [
+        ("Noise", "its signal is recorded or random and not part of the model")
+    ]

@@ -14,7 +14,7 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
+from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, opaque
 from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
@@ -268,7 +268,7 @@ class _Import:
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
-            Unsupported(atom.path, atom.block.type, *unknown(atom), False)
+            Unsupported(atom.path, atom.block.type, *_refusal(weaver, atom), False)
             for atom in atoms
             if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
@@ -305,6 +305,18 @@ class _Import:
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
         )
+
+
+def _refusal(weaver: Weaver, atom: Atom) -> tuple[str, str]:
+    """Why a block of a type that is not built cannot be, and what would help."""
+    kind = KINDS.get(atom.kind)
+    if kind is None:
+        return unknown(atom)
+    try:
+        kind.rule(weaver.site(atom))
+    except UnsupportedError as unsupported:
+        return unsupported.what, unsupported.mend
+    return unknown(atom)
 
 
 def _block_of(key: str) -> str:
