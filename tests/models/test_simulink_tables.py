@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from simulink_files import LAYOUTS, Model
 from simulink_runs import alone, imported, run, slopes
 
@@ -127,6 +128,7 @@ def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
         ("LookupNDDirect", 1, {"NumberOfTableDimensions": "2"}, "do not choose an element of a table of 2 dimensions"),
         ("Interpolation_n-D", 4, {"RequireIndexFractionAsBus": "on"}, "its input 1 is no bus of an index"),
         ("Interpolation_n-D", 4, {"TableSource": "Input port"}, "TableSource is 'Input port'"),
+        ("Interpolation_n-D", 4, {"InterpMethod": "Cubic spline"}, "it has a spline, which needs the breakpoints"),
         ("PreLookup", 1, {"BreakpointsData": "[1 3 2]"}, "its breakpoints do not increase"),
         ("Lookup_n-D", 5, {"NumberOfTableDimensions": "5"}, "its table has 5 dimensions"),
         ("Lookup_n-D", 1, {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"}, "is 'Akima spline'"),
@@ -135,6 +137,59 @@ def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
 def test_lookups_that_are_not_supported_say_why(kind, inputs, parameters, told, tmp_path):
     with pytest.raises(InputError, match=told):
         imported(alone(kind, inputs, **parameters), tmp_path)
+
+
+X1, X2 = np.array([0.0, 1.0, 2.5, 3.0, 5.0]), np.array([-1.0, 0.5, 2.0, 4.0])
+W = RNG.normal(size=(5, 4))
+
+
+def natural(points, values, x, beyond):
+    """A natural spline of scipy, along the first dimension, and what goes on beyond its ends."""
+    made = CubicSpline(points, values, bc_type="natural")
+    inside = np.clip(x, points[0], points[-1])
+    y = made(inside) if beyond != "Cubic spline" else made(x)
+    if beyond == "Linear":
+        y = y + made(inside, 1) * (x - inside)
+    return y
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("beyond", ["Clip", "Linear", "Cubic spline"])
+def test_a_spline_is_that_of_scipy(beyond, layout, tmp_path):
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 2.5 3 5]",
+                  InterpMethod="Cubic spline", ExtrapMethod=beyond)  # fmt: skip
+    model = imported(drawn, tmp_path, layout, parameters=[{"Eta": W[:, 0]}])
+    u = np.concatenate([U * 1.5, X1])
+    found = run(model, {"u1": u})["y1"]
+    np.testing.assert_allclose(found, natural(X1, W[:, 0], u, beyond), rtol=1e-11, atol=1e-11)
+    exact, differences = slopes(model, {"u1": u}, "Eta", "y1")
+    np.testing.assert_allclose(exact, differences, atol=1e-7)
+    assert (np.abs(exact) > 1e-6).sum(axis=1).max() == 5
+
+
+@pytest.mark.parametrize("beyond", ["Clip", "Linear", "Cubic spline"])
+def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_path):
+    drawn = alone("Lookup_n-D", 2, NumberOfTableDimensions="2", Table="Map", BreakpointsForDimension1="[0 1 2.5 3 5]",
+                  BreakpointsForDimension2="[-1 0.5 2 4]", InterpMethod="Cubic spline",
+                  ExtrapMethod=beyond)  # fmt: skip
+    model = imported(drawn, tmp_path, parameters=[{"Map": W}])
+    assert model.values["Map"].values.shape == (5, 4)
+    a, b = RNG.uniform(-1, 6, size=(2, COUNT))
+    found = run(model, {"u1": a, "u2": b})["y1"]
+    lines = [natural(X1, W, one, beyond) for one in a]
+    expected = [float(natural(X2, line, one, beyond)) for line, one in zip(lines, b, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+    exact, differences = slopes(model, {"u1": a[:5], "u2": b[:5]}, "Map", "y1")
+    np.testing.assert_allclose(exact, differences, atol=1e-7)
+
+
+def test_a_spline_through_two_points_is_a_line_and_one_through_very_many_is_refused(tmp_path):
+    options = {"NumberOfTableDimensions": "1", "InterpMethod": "Cubic spline", "ExtrapMethod": "Linear"}
+    drawn = alone("Lookup_n-D", Table="[1 3]", BreakpointsForDimension1="[0 2]", **options)
+    np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], 1 + U, atol=1e-12)
+    drawn = alone("Lookup_n-D", Table="1:2000", BreakpointsForDimension1="1:2000", **options)
+    with pytest.raises(InputError, match="a spline through a table of 2000 values is too large"):
+        imported(drawn, tmp_path)
 
 
 def test_a_slider_is_a_gain(tmp_path):

@@ -81,6 +81,8 @@ def interpolation(site: Site) -> Wired:
     count = site.whole("NumberOfTableDimensions", 1, 4)
     chosen = site.whole("NumSelectionDims", 0, count - 1)
     method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    if method.between == "spline":
+        raise UnsupportedError("it has a spline, which needs the breakpoints themselves", "Use an n-D Lookup Table.")
     shape = shape_of(site, "Table", count)
     places, port = [], 0
     for _ in range(count - chosen):

@@ -8,11 +8,12 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.blocktypes.splines import nodes_needed, spline
 from kennfeld.models.simulink.named import Named, named, named_text
 from kennfeld.models.simulink.scopes import Array, Variable
 from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
-from kennfeld.parameters import Axis
+from kennfeld.parameters import Axis, Parameter
 
 _LINEAR = (
     "Linear",
@@ -22,11 +23,13 @@ _LINEAR = (
     "Interpolation-Use End Values",
 )
 _NEAREST = ("Nearest", "Use Input Nearest")
+_SPLINE = ("Cubic spline", "Cubic Spline")
+_LARGEST_SPLINE = 50_000  # nodes
 _FLAT = ("Flat", "None - Flat", "Use Input Below", "Below")
 
 
 class Method(NamedTuple):
-    """Between the breakpoints: linear, nearest or flat; beyond them: clip or linear."""
+    """Between the breakpoints: linear, nearest, flat or spline; beyond them: clip, linear, or cubic for a spline."""
 
     between: str
     beyond: str
@@ -72,13 +75,24 @@ def _object(site: Site) -> Wired:
 def method_of(between: str, beyond: str) -> Method:
     """The method that the words of a block mean; raises `UnsupportedError` for others."""
     kind = {**dict.fromkeys(_LINEAR, "linear"), **dict.fromkeys(_NEAREST, "nearest"), **dict.fromkeys(_FLAT, "flat")}
+    if between in _SPLINE:
+        return Method("spline", _beyond_spline(beyond))
     if between not in kind:
-        raise UnsupportedError(f"InterpMethod is {between!r}, which is not supported", "Linear, nearest and flat are.")
+        known = "Linear, nearest, flat and cubic splines are."
+        raise UnsupportedError(f"InterpMethod is {between!r}, which is not supported", known)
     if kind[between] != "linear":
         return Method(kind[between], "clip")
     if beyond not in ("Clip", "None - Clip", "Linear"):
         raise UnsupportedError(f"ExtrapMethod is {beyond!r}, which is not supported", "Clip and linear are.")
     return Method("linear", "linear" if beyond == "Linear" else "clip")
+
+
+def _beyond_spline(beyond: str) -> str:
+    if beyond in _SPLINE:
+        return "cubic"
+    if beyond not in ("Clip", "None - Clip", "Linear"):
+        raise UnsupportedError(f"ExtrapMethod is {beyond!r}, which is not supported", "Clip, linear and cubic are.")
+    return "linear" if beyond == "Linear" else "clip"
 
 
 def _coordinates(site: Site, count: int) -> list[Signal]:
@@ -130,14 +144,35 @@ def _looked_up(site: Site, found: Named, axes: list[Axis], coordinates: list[Sig
         raise UnsupportedError(f"its {table} has a dimension with a single breakpoint")
     locked = not (found.is_variable or found.name in site.weaver.declared.promoted)
     axes = [axis.changed(input=_quantity(site, at)) if not axis.name else axis for at, axis in enumerate(axes)]
-    made = site.weaver.declared.table(found.name, values, axes, found.variable, locked, method.beyond)
+    kept = method.beyond if method.between != "spline" else "clip"
+    made = site.weaver.declared.table(found.name, values, axes, found.variable, locked, kept)
     spread = site.spread(*coordinates)
+    if method.between == "spline":
+        return _splined(site, made, spread, method.beyond)
     if method.between != "linear":
         spread = [_snapped(site, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
     columns = [one.nodes.ravel() for one in spread]
     nodes = [site.loom.lookup(made.name, *(int(node) for node in place)) for place in zip(*columns, strict=True)]
     period = fastest([one.period for one in spread])
     return Signal(np.array(nodes, dtype=np.int64).reshape(spread[0].shape), period)
+
+
+def _splined(site: Site, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
+    """A spline through the values of a table, element by element."""
+    points = [axis.breakpoints for axis in table.axes]
+    shape = [len(axis) for axis in points]
+    if nodes_needed(shape) > _LARGEST_SPLINE:
+        sizes = " x ".join(map(str, shape))
+        raise UnsupportedError(f"a spline through a table of {sizes} values is too large", "Linear lookups are not.")
+    loom = site.loom
+
+    def value(*places: int) -> int:
+        return loom.lookup(table.name, *(loom.const(float(axis[at])) for axis, at in zip(points, places, strict=True)))
+
+    columns = zip(*(one.nodes.ravel() for one in coordinates), strict=True)
+    nodes = [spline(loom, value, points, [int(node) for node in place], beyond) for place in columns]
+    period = fastest([one.period for one in coordinates])
+    return Signal(np.array(nodes, dtype=np.int64).reshape(coordinates[0].shape), period)
 
 
 def _quantity(site: Site, at: int) -> str:
