@@ -287,6 +287,21 @@ def test_the_numbers_of_a_multiport_switch_may_be_listed(default, tmp_path):
         imported(alone("MultiPortSwitch", 4, DataPortOrder="Specify indices", DataPortIndices="3"), tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("kind", "inputs", "parameters", "told"),
+    [
+        ("MultiPortSwitch", 1, {}, "it has no data port"),
+        ("Gain", 1, {"Gain": "[]"}, "its Gain is empty"),
+        ("PermuteDimensions", 1, {"Order": "nan"}, "its Order is nan"),
+        ("CombinatorialLogic", 1, {"TruthTable": "[]"}, "a table of 0 rows does not fit 1 inputs"),
+        ("MultiPortSwitch", 3, {"DataPortOrder": "Specify indices", "DataPortIndices": "{1:1e5,2}"}, "are the most"),
+    ],
+)
+def test_settings_that_make_no_sense_are_told(kind, inputs, parameters, told, tmp_path):
+    with pytest.raises(InputError, match=f"B: .*{told}"):
+        imported(alone(kind, inputs, **parameters), tmp_path)
+
+
 def test_what_no_setting_makes_possible_counts_as_unsupported_wherever_it_stands(tmp_path):
     drawn = alone("Gain", Gain="2")
     drawn.block("RandomNumber", "Noise", ports=(0, 1))

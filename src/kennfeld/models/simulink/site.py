@@ -63,8 +63,10 @@ class Site:
 
     def parameter(self, name: str, otherwise: str | None = None) -> Signal:
         """A parameter as a signal, vectors of one row or column as vectors; named variables stay parameters."""
-        text = self.text(name, otherwise)
-        return Signal(as_vector(self._array(name, text)), CONSTANT)
+        nodes = self._array(name, self.text(name, otherwise))
+        if not nodes.size:
+            raise UnsupportedError(f"its {name} is empty")
+        return Signal(as_vector(nodes), CONSTANT)
 
     def matrix(self, name: str) -> Nodes:
         """A parameter as a matrix of nodes, Int[rows, columns]."""

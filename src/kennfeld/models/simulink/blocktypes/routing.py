@@ -285,6 +285,8 @@ def multiport_switch(site: Site) -> Wired:
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
         only = data[0]
         data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
+    if not data:
+        raise UnsupportedError("it has no data port")
     if order == "Specify indices":
         numbers = lists_of(site, "DataPortIndices")
     else:

@@ -247,6 +247,8 @@ def direct_lookup(site: Site) -> Wired:
 def lookup_dynamic(site: Site) -> Wired:
     """A curve whose breakpoints and values are inputs."""
     method = _old_method(site)
+    if site.count != 3:
+        raise UnsupportedError(f"it has {site.count} inputs, not one each for x, the breakpoints and the values")
     x, xs, ys = site.inputs
     if method.between != "linear" or xs.size != ys.size or xs.size < 2:
         raise UnsupportedError("only linear interpolation between two or more points is supported")
