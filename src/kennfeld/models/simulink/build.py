@@ -14,6 +14,7 @@ import numpy as np
 from kennfeld.graph import CLOCK
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
+from kennfeld.models.simulink.bus_ports import port_label
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
 from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source, controls, resets
@@ -292,7 +293,7 @@ class Weaver:
 
     def input_name(self, atom: Atom) -> str:
         """The name of the channel that a port takes."""
-        name = atom.block.name if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
+        name = port_label(atom.block) if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
         if name in self.guesses.taken or name in CLOCK:
             name = f"{name}_in"
         self.inputs[name] = atom

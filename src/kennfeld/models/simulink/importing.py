@@ -14,7 +14,7 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
+from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, opaque
 from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
@@ -39,6 +39,8 @@ _MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 _CONTINUOUS = {
     "Integrator",
     "PID 1dof",
+    "PID Controller",
+    "PID Controller (with Approximate Derivative)",
     "PID 2dof",
     "SecondOrderIntegrator",
     "StateSpace",
@@ -351,9 +353,9 @@ class Work:
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
-            Unsupported(atom.path, atom.block.type, *unknown(atom), False)
+            Unsupported(atom.path, atom.block.type, *_refusal(weaver, atom), False)
             for atom in atoms
-            if atom.kind not in KINDS and atom.path not in seen
+            if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
         undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
@@ -388,6 +390,18 @@ class Work:
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
         )
+
+
+def _refusal(weaver: Weaver, atom: Atom) -> tuple[str, str]:
+    """Why a block of a type that is not built cannot be, and what would help."""
+    kind = KINDS.get(atom.kind)
+    if kind is None:
+        return unknown(atom)
+    try:
+        kind.rule(weaver.site(atom))
+    except UnsupportedError as unsupported:
+        return unsupported.what, unsupported.mend
+    return unknown(atom)
 
 
 def _block_of(key: str) -> str:

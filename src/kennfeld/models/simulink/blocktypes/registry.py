@@ -25,7 +25,8 @@ class Kind:
     """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all.
 
     `sample` is the parameter that holds its sample time, or says which one does; no parameter is called "". A `linked`
-    type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into.
+    type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into. A `refused`
+    one is known for the reason why no setting of it can be built.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Kind:
     sink: bool = False
     sample: Sample = "SampleTime"
     linked: bool = False
+    refused: bool = False
 
     def sample_of(self, block: Block) -> str:
         """The parameter that holds a block's sample time."""
@@ -60,13 +62,14 @@ def block(
     sink: bool = False,
     sample: Sample = "SampleTime",
     linked: bool = False,
+    refused: bool = False,
     **defaults: str,
 ) -> Callable[[Rule], Rule]:
     """Enter a function as the rule of block types."""
 
     def enter(rule: Rule) -> Rule:
         for name in names:
-            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked)
+            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked, refused)
         return rule
 
     return enter
