@@ -226,6 +226,10 @@ class _Flattening:
         count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
         atom.inputs = [self.source(level, end) for end in ends]
+        if atom.kind == "Chart" and atom.block.system is not None:
+            atom.special = {_SPECIAL[port.type]: port for port in atom.block.system.of("TriggerPort")}
+            ends += [Endpoint(sid, kind) for kind in atom.special]
+            atom.inputs += [self.source(level, Endpoint(sid, kind)) for kind in atom.special]
         atom.taken = {i: name for i, end in enumerate(ends) if (name := self._label(level, end))}
         atom.names = {number - 1: name for number, name in atom.block.signals.items()} | level.named.get(sid, {})
 
@@ -380,6 +384,8 @@ def _around(level: Level) -> Iterator[Level]:
 
 
 def _kind(block: Block) -> str:
+    if block.chart is not None and block.chart.kind == "Chart":
+        return "Chart"
     if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:

@@ -2,6 +2,7 @@
 
 from kennfeld.models.simulink.blocktypes import (
     arithmetic,
+    charts,
     conditional,
     continuous,
     controllers,
@@ -19,6 +20,7 @@ from kennfeld.models.simulink.blocktypes import (
 
 __all__ = [
     "arithmetic",
+    "charts",
     "conditional",
     "continuous",
     "controllers",

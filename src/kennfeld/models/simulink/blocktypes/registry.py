@@ -29,13 +29,17 @@ class UnsupportedError(Exception):
 
 @dataclass(frozen=True)
 class Kind:
-    """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all."""
+    """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all.
+
+    `held` is false where the rule itself says what the outputs are between the hits of the sample time.
+    """
 
     name: str
     rule: Rule
     defaults: Mapping[str, str]
     needs: Needs = None
     sink: bool = False
+    held: bool = True
 
 
 KINDS: dict[str, Kind] = {}
@@ -46,12 +50,14 @@ def nothing(_: "Site") -> Iterable[int]:
     return ()
 
 
-def block(*names: str, needs: Needs = None, sink: bool = False, **defaults: str) -> Callable[[Rule], Rule]:
+def block(
+    *names: str, needs: Needs = None, sink: bool = False, held: bool = True, **defaults: str
+) -> Callable[[Rule], Rule]:
     """Enter a function as the rule of block types."""
 
     def enter(rule: Rule) -> Rule:
         for name in names:
-            KINDS[name] = Kind(name, rule, defaults, needs, sink)
+            KINDS[name] = Kind(name, rule, defaults, needs, sink, held)
         return rule
 
     return enter
