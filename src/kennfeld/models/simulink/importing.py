@@ -26,7 +26,8 @@ from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
-from kennfeld.models.simulink.tree import Block, Document, System, split
+from kennfeld.models.simulink.single import single
+from kennfeld.models.simulink.tree import Block, Document, System, joined, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
 
 __all__ = ["Imported", "import_simulink", "simulink"]
@@ -108,6 +109,8 @@ def _system(document: Document, subsystem: str | None, variables: Variables) -> 
             known = [b.path for b in document.root.every() if b.system is not None]
             mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
             raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+        if block.chart is not None:
+            return single(block, block.system), scope, joined(*names[:-1])
         scope, system = scope.within(block), block.system
     return system, scope, block.path if block is not None else ""
 

@@ -23,6 +23,7 @@ _WORD = re.compile(
     re.VERBOSE,
 )
 _LEVELS = (("||", "|"), ("&&", "&"), ("==", "!=", "~=", "<>"), ("<", "<=", ">", ">="), ("+", "-"), ("*", "/", "%%"))
+_BINARY = frozenset({one for level in _LEVELS for one in level} | {"^", "=", "+=", "-=", "*=", "/="})
 _WRITTEN = {"|": "||", "&": "&&", "!=": "~=", "<>": "~="}
 _BITS = frozenset({"&", "|", "^", "~", "<<", ">>", "&=", "|=", "^="})
 _CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/"}
@@ -58,10 +59,21 @@ def c_statements(text: str, bits: bool = False) -> tuple[m.Statement, ...]:
     return _Reader(text, bits).statements()
 
 
+def _joined(tokens: list[_Token]) -> list[_Token]:
+    """The words without line ends behind which an expression goes on with an operator."""
+    made: list[_Token] = []
+    for token in tokens:
+        if token.kind == "operator" and token.text in _BINARY:
+            while made and made[-1].kind == "line":
+                made.pop()
+        made.append(token)
+    return made
+
+
 class _Reader:
     def __init__(self, text: str, bits: bool) -> None:
         found = (match for match in _WORD.finditer(text) if match.lastgroup != "blank")
-        self.tokens = [_Token(str(match.lastgroup), match[match.lastgroup or 0]) for match in found]
+        self.tokens = _joined([_Token(str(match.lastgroup), match[match.lastgroup or 0]) for match in found])
         self.tokens.append(_Token("over", "the end"))
         self.bits, self.at, self.depth, self.text = bits, 0, 0, text
 

@@ -7,7 +7,7 @@ from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
-from kennfeld.models.simulink.expressions import Expressions, each
+from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import Nodes
 from kennfeld.models.simulink.stateflow.diagram import Action, Arrow, Diagram, Event, Function, Knot, State
@@ -20,7 +20,7 @@ from kennfeld.models.simulink.stateflow.variables import Variables
 
 __all__ = ["Machine"]
 
-_MOST_WORK = 60_000
+_MOST_WORK = 30_000
 _DEEPEST = 12  # events sent, or functions called, within each other
 _MEND = "Draw it as blocks, or bind its outputs."
 _NEAR = 1e-6  # of a step, as far as times may be rounded
@@ -262,7 +262,10 @@ class Machine:
         self._clear(state, guard)
         self._restart(state, guard)
         after = self._acted(state, "entry", context, guard)
-        return self._tell("entry", state, context, after)
+        if after is None:
+            return None
+        self._tell("entry", state, after)
+        return self._still(state)(after)
 
     def _clear(self, state: State, guard: Guard) -> None:
         """Note that no child of a state is active, which holds whenever it is entered."""
@@ -323,11 +326,12 @@ class Machine:
         assert state.parent is not None
         inner = self._leave_children(state, context, guard)
         after = self._acted(state, "exit", context, inner) if inner is not None else None
-        after = self._tell("exit", state, context, after)
-        if after is not None:
-            name = f"active {state.id}" if state.parent.parallel else f"child {state.parent.id}"
-            self.variables.put(name, self.loom.const(0.0), after)
-        return after
+        if after is None:
+            return None
+        name = f"active {state.id}" if state.parent.parallel else f"child {state.parent.id}"
+        self.variables.put(name, self.loom.const(0.0), after)
+        self._tell("exit", state, after)
+        return self._still(state.parent)(after)
 
     # events
 
@@ -371,20 +375,19 @@ class Machine:
             return f"change {key}"
         return f"{_IMPLICIT[name]} {self.values.state(argument, context).id}"
 
-    def _tell(self, kind: str, state: State, context: Context, guard: Guard | None) -> Guard | None:
+    def _tell(self, kind: str, state: State, guard: Guard) -> None:
         """Process the event that a state was entered or left, where a label asks for it."""
-        if guard is None or kind not in self._implicit:
-            return guard
-        self._broadcast(f"{kind} {state.id}", self.diagram.root, guard)
-        return self._still(state)(guard)
+        if (kind, state.name) in self._implicit:
+            self._broadcast(f"{kind} {state.id}", self.diagram.root, guard)
 
     def written(self, key: str, old: Nodes, guard: Guard, context: Context) -> None:
         """Process the event that a variable has changed, where a label asks for it."""
-        if "change" not in self._implicit:
+        if ("change", key.rpartition(".")[2]) not in self._implicit:
             return
-        now = self.variables.get(key, guard)
-        for one in each(self.loom, "ne", now, self.logic.simplified(old, guard)).ravel():
-            where = self.logic.where(guard, int(one))
+        pairs = zip(self.variables.get(key, guard).ravel(), self.logic.simplified(old, guard).ravel(), strict=True)
+        for new, before in pairs:
+            differs = self.loom.call("ne", int(new), int(before)) if new != before else self.loom.const(0.0)
+            where = self.logic.where(guard, differs)
             if where is not None:
                 self._broadcast(f"change {key}", self.diagram.root, where)
 
@@ -503,7 +506,7 @@ class Machine:
             raise UnsupportedError(f"{context.place}: it assigns to {key}, which it may only read")
 
     def call(
-        self, function: Function, given: list[Nodes], context: Context, guard: Guard
+        self, function: Function, given: list[Nodes | None], context: Context, guard: Guard
     ) -> tuple[list[Nodes], Guard | None]:
         """Run a function of the chart; what it gives, and the guard where it comes back."""
         if function.refused:
@@ -524,9 +527,10 @@ class Machine:
             raise UnsupportedError(f"its function {function.name} gives {missing[0].split('.')[-1]} no value")
         return [self.variables.values[name] for name in results], after
 
-    def _bind(self, function: Function, frame: str, given: list[Nodes]) -> None:
+    def _bind(self, function: Function, frame: str, given: list[Nodes | None]) -> None:
         for name, nodes in zip(function.parameters, given, strict=False):
-            self.variables.values[f"{frame}.{name}"] = nodes
+            if nodes is not None:
+                self.variables.values[f"{frame}.{name}"] = nodes
         if function.script:
             return
         for data in self.diagram.data.values():
@@ -575,11 +579,14 @@ def _reached(knot: Knot) -> frozenset[Knot]:
     return frozenset(seen)
 
 
-def _implicit(diagram: Diagram) -> frozenset[str]:
-    """The kinds of implicit events that labels ask for."""
-    found: set[str] = set()
+def _implicit(diagram: Diagram) -> frozenset[tuple[str, str]]:
+    """The implicit events that labels ask for: the kind of each, and the name of the state or variable."""
+    found: set[tuple[str, str]] = set()
     for event in diagram.awaited:
-        name = event.of.name if isinstance(event, m.Call) and isinstance(event.of, m.Name) else ""
-        found |= {_IMPLICIT[name]} if name in _IMPLICIT else set()
-        found |= {"change"} if name in _CHANGED else set()
+        if not isinstance(event, m.Call) or not isinstance(event.of, m.Name) or len(event.arguments) != 1:
+            continue
+        kind = "change" if event.of.name in _CHANGED else _IMPLICIT.get(event.of.name, "")
+        argument = event.arguments[0]
+        if isinstance(argument, (m.Name, m.Field)):
+            found.add((kind, argument.name))
     return frozenset(found)

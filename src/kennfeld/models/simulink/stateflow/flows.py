@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Fired", "Search", "sure_knots"]
 
-_MOST_TURNS = 400  # junctions on one way
+_MOST_TURNS = 400  # of a loop among junctions
+_DEEPEST = 150  # junctions on one way that may have to be gone back
+_MEND = "Draw it as blocks, or bind its outputs."
 
 
 class _Way(NamedTuple):
@@ -46,6 +48,7 @@ class Search:
     fired: list[Fired] = field(default_factory=list)
     _waiting: "dict[tuple[Knot | State, _Way], list[Guard]]" = field(default_factory=dict)
     _ended: list[Guard] = field(default_factory=list)
+    _turns: dict[Knot, int] = field(default_factory=dict)
     _depth: int = 0
 
     def run(self, arrows: list[Arrow], guard: Guard) -> Guard | None:
@@ -55,7 +58,7 @@ class Search:
             guards = self._waiting.pop(meeting)
             begun = self.machine.logic.either(guards)
             if begun is not None and isinstance(meeting[0], Knot):
-                self.machine.work()
+                self._turn(meeting[0])
                 self._tried(meeting[0].arrows, begun, meeting[1])
         for (target, way), guards in self._waiting.items():
             taken = self.machine.logic.either(guards)
@@ -111,15 +114,24 @@ class Search:
             else:
                 self._waiting.setdefault((target, way), []).append(guard)
             return None
+        self._turn(target)
         self._depth += 1
-        if self._depth > _MOST_TURNS:
-            raise UnsupportedError(
-                f"its junctions make a loop of more than {_MOST_TURNS} turns, or one whose end depends on signals",
-                "Draw it as blocks, or bind its outputs.",
-            )
+        if self._depth > _DEEPEST:
+            raise self._endless(_DEEPEST)
         left = self._tried(target.arrows, guard, way)
         self._depth -= 1
         return left
+
+    def _turn(self, knot: Knot) -> None:
+        """Count how often a junction is passed."""
+        self.machine.work()
+        self._turns[knot] = self._turns.get(knot, 0) + 1
+        if self._turns[knot] > _MOST_TURNS:
+            raise self._endless(_MOST_TURNS)
+
+    def _endless(self, most: int) -> UnsupportedError:
+        what = f"its junctions make a loop of more than {most} turns, or one whose end depends on signals"
+        return UnsupportedError(what, _MEND)
 
 
 def sure_knots(knots: list[Knot]) -> frozenset[Knot]:

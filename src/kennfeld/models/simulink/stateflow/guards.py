@@ -4,8 +4,10 @@ A guard is a node that is true where its part runs. What it knows besides, that 
 value, prunes parts that cannot run, and finds the values of variables that are fixed on one way through a chart.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,16 +18,26 @@ from kennfeld.models.simulink.signals import Nodes
 __all__ = ["Guard", "Logic"]
 
 _MOST_LOOKED_AT = 400  # nodes, to find out whether one is known
+_TURNED = {"lt": "gt", "gt": "lt", "le": "ge", "ge": "le"}
 _COMPARED = frozenset({"eq", "ne", "lt", "le", "gt", "ge"})
+
+
+Clause: TypeAlias = tuple[tuple[int, ...], bool]
 
 
 @dataclass(eq=False)
 class Guard:
-    """A node that says where a part runs; `facts` are nodes known there as true or false, `values` as constants."""
+    """A node that says where a part runs; `facts` are nodes known there as true or false, `values` as constants.
+
+    Each of `clauses` are nodes of which not all are true, or with False not all are false. `ranges` are the limits of
+    numbers that comparisons have told, these limits included.
+    """
 
     node: int
     facts: dict[int, bool] = field(default_factory=dict)
     values: dict[int, int] = field(default_factory=dict)
+    ranges: dict[int, tuple[float, float]] = field(default_factory=dict)
+    clauses: list[Clause] = field(default_factory=list)
     unknown: set[int] = field(default_factory=set)
 
 
@@ -88,8 +100,24 @@ class Logic:
         return None if simple == node else self._truth(simple, guard)
 
     def _compared(self, op: str, args: tuple[int, ...], guard: Guard) -> bool | None:
-        numbers = [self.loom.value(self._simple(arg, guard)) for arg in args]
-        return None if None in numbers else bool(OPERATIONS[op].evaluate(*numbers))
+        simple = tuple(self._simple(arg, guard) for arg in args)
+        numbers = [self.loom.value(arg) for arg in simple]
+        if None not in numbers:
+            return bool(OPERATIONS[op].evaluate(*numbers))
+        node, op, number = self._against(op, simple)
+        if node not in guard.ranges or number is None:
+            return None
+        low, high = guard.ranges[node]
+        if op in ("gt", "ge"):
+            return True if low > number else False if high < number or (op == "gt" and high == number) else None
+        if op in ("lt", "le"):
+            return True if high < number else False if low > number or (op == "lt" and low == number) else None
+        return op == "ne" if not low <= number <= high else None
+
+    def _against(self, op: str, args: tuple[int, ...]) -> tuple[int, str, float | None]:
+        """A comparison with the number on the right."""
+        left = self.loom.value(args[0])
+        return (args[0], op, self.loom.value(args[1])) if left is None else (args[1], _TURNED.get(op, op), left)
 
     def _simple(self, node: int, guard: Guard) -> int:
         while node not in guard.values:
@@ -109,8 +137,10 @@ class Logic:
             return guard if known == holds else None
         wanted = condition if holds else self.loom.call("not", condition)
         node = wanted if self.loom.value(guard.node) else self.loom.call("and", guard.node, wanted)
-        made = Guard(node, dict(guard.facts), dict(guard.values))
+        made = Guard(node, dict(guard.facts), dict(guard.values), dict(guard.ranges), list(guard.clauses))
         self._learn(condition, holds, made)
+        if not self._concluded(made):
+            return None
         made.facts[node] = True
         return made
 
@@ -127,14 +157,78 @@ class Logic:
                 waiting.append((args[0], not truth))
             elif op == ("and" if truth else "or"):
                 waiting += [(arg, truth) for arg in args]
+            elif op in ("and", "or"):
+                guard.clauses.append((args, not truth))
+            elif truth and op in _TURNED:
+                self._limit(op, args, guard)
             elif op == ("eq" if truth else "ne"):
-                self._equal(args, guard)
+                waiting += self._equal(args, guard)
 
-    def _equal(self, args: tuple[int, ...], guard: Guard) -> None:
-        """Note the value of a memory; anything else stays, so that its derivatives do."""
+    def _limit(self, op: str, args: tuple[int, ...], guard: Guard) -> None:
+        """Note a limit; one that is not kept tells nothing, since what is no number keeps none."""
+        node, op, number = self._against(op, args)
+        if number is not None:
+            low, high = guard.ranges.get(node, (-math.inf, math.inf))
+            guard.ranges[node] = (max(low, number), high) if op in ("gt", "ge") else (low, min(high, number))
+
+    def _equal(self, args: tuple[int, ...], guard: Guard) -> list[tuple[int, bool]]:
+        """Note the value of a memory, and the decisions that follow; what is no memory stays, so its derivatives do."""
+        follows: list[tuple[int, bool]] = []
         for one, other in (args, args[::-1]):
-            if self.loom.value(other) is not None and self.loom.nodes[one].op in ("state", "select"):
-                guard.values[one] = other
+            number, node = self.loom.value(other), one
+            while number is not None and self.loom.nodes[node].op in ("state", "select"):
+                guard.values[node] = other
+                op, parts, _ = self.loom.nodes[node]
+                sides = [self.loom.value(part) for part in parts[1:]] if op == "select" else []
+                wrong = next((at for at, side in enumerate(sides) if side is not None and side != number), None)
+                if wrong is None:
+                    break
+                follows.append((parts[0], bool(wrong)))
+                node = parts[2 - wrong]
+        return follows
+
+    def _concluded(self, guard: Guard) -> bool:
+        """Draw conclusions from the clauses; whether they can all hold."""
+        again = True
+        while again:
+            again = False
+            if not self._followed(guard):
+                return False
+            for clause in guard.clauses:
+                args, truth = clause
+                self._left = _MOST_LOOKED_AT
+                known = [self._truth(arg, guard) for arg in args]
+                open_ = [arg for arg, value in zip(args, known, strict=True) if value is None]
+                if (not truth) in known or len(open_) > 1:
+                    continue
+                if not open_:
+                    return False
+                guard.clauses = [one for one in guard.clauses if one is not clause]
+                guard.unknown.clear()
+                self._learn(open_[0], not truth, guard)
+                again = True
+                break
+        return True
+
+    def _followed(self, guard: Guard) -> bool:
+        """Hand values on to the sides of decisions that are known by now; whether that fits."""
+        waiting = list(guard.values.items())
+        while waiting:
+            node, value = waiting.pop()
+            op, args, _ = self.loom.nodes[node]
+            self._left = _MOST_LOOKED_AT
+            known = self._truth(args[0], guard) if op == "select" else None
+            if known is None:
+                continue
+            side = args[1] if known else args[2]
+            number = self.loom.value(side)
+            if number is not None and number != self.loom.value(value):
+                return False
+            if number is None and side not in guard.values:
+                for condition, holds in self._equal((side, value), guard):
+                    self._learn(condition, holds, guard)
+                waiting = list(guard.values.items())
+        return True
 
     def besides(self, guard: Guard, taken: Guard | None) -> Guard | None:
         """The guard where another one, which is part of it, does not hold."""
@@ -153,7 +247,9 @@ class Logic:
         first, *rest = given
         facts = {k: v for k, v in first.facts.items() if all(one.facts.get(k) == v for one in rest)}
         values = {k: v for k, v in first.values.items() if all(one.values.get(k) == v for one in rest)}
-        return Guard(node, {**facts, node: True}, values)
+        clauses = [one for one in first.clauses if all(one in other.clauses for other in rest)]
+        ranges = {k: v for k, v in first.ranges.items() if all(one.ranges.get(k) == v for one in rest)}
+        return Guard(node, {**facts, node: True}, values, ranges, clauses)
 
     def chosen(self, guard: Guard, new: Nodes, old: Nodes) -> Nodes:
         """What a variable holds after it has been given a new value where a guard holds."""

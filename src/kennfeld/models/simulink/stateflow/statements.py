@@ -87,7 +87,7 @@ class Statements:
         function = self.values.diagram.function(name, context.scope)
         if function is None or not isinstance(value, m.Call):
             raise UnsupportedError(f"{context.place}: it takes several results of what is no function of the chart")
-        given = [self.values.nodes(one, context, guard) for one in value.arguments]
+        given = self.values.given(value.arguments, context, guard)
         results, after = self.machine.call(function, given, context, guard)
         if len(results) < len(targets):
             raise UnsupportedError(f"{context.place}: it takes {len(targets)} results of {name}, which has fewer")
@@ -121,7 +121,7 @@ class Statements:
         name = tree.of.name if isinstance(tree, m.Call) and isinstance(tree.of, m.Name) else ""
         function = self.values.diagram.function(name, context.scope)
         if function is not None and isinstance(tree, m.Call):
-            given = [self.values.nodes(one, context, guard) for one in tree.arguments]
+            given = self.values.given(tree.arguments, context, guard)
             sent_before = self.machine.sent
             after = self.machine.call(function, given, context, guard)[1]
             return context.alive(after) if after is not None and self.machine.sent != sent_before else after

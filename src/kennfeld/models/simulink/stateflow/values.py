@@ -82,6 +82,10 @@ class Values:
             raise UnsupportedError(f"{context.place}: it decides by an empty array")
         return fold(self.loom, "and", [int(node) for node in found.ravel()])
 
+    def given(self, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> list[Nodes | None]:
+        """The values that a function is given; None for texts, which can but be shown."""
+        return [None if isinstance(one, m.Text) else self.nodes(one, context, guard) for one in arguments]
+
     def key(self, name: str, context: Context) -> str | None:
         """The variable that a name means."""
         if context.frame and (local := f"{context.frame}.{name}") in self.variables:
@@ -125,7 +129,7 @@ class Values:
         match tree:
             case m.Name() | m.Field():
                 return self._named(tree, context, guard)
-            case m.Binary(("&&" | "||") as operator, left, right) if self._calls(right, context):
+            case m.Binary(("&&" | "||") as operator, left, right) if self._may_fail(right, context):
                 return self._decided(operator, left, right, context, guard)
             case m.Call(of, arguments):
                 key = self.key_of(of, context)
@@ -142,18 +146,19 @@ class Values:
             return self._array(self.machine.time)
         return None
 
-    def _calls(self, tree: m.Expression, context: Context) -> bool:
+    def _may_fail(self, tree: m.Expression, context: Context) -> bool:
+        """Whether an expression calls a function of the chart or takes an element of an array."""
         return any(
             isinstance(one, m.Call)
             and isinstance(one.of, m.Name)
-            and self.diagram.function(one.of.name, context.scope) is not None
+            and (self.diagram.function(one.of.name, context.scope) or self.key(one.of.name, context)) is not None
             for one in within(tree)
         )
 
     def _decided(
         self, operator: str, left: m.Expression, right: m.Expression, context: Context, guard: Guard
     ) -> Nodes | None:
-        """An `and` or `or` whose right side calls a function: only where the left side leaves it open."""
+        """An `and` or `or`, its right side only where the left side leaves it open."""
         first = self.one(left, context, guard)
         rest = self.logic.where(guard, first, holds=operator == "&&")
         decided = self.loom.const(0.0 if operator == "&&" else 1.0)
@@ -165,7 +170,7 @@ class Values:
     def _called(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes | None:
         function = self.diagram.function(name, context.scope)
         if function is not None:
-            given = [self.nodes(one, context, guard) for one in arguments]
+            given = self.given(arguments, context, guard)
             results, _ = self.machine.call(function, given, context, guard)
             if not results:
                 raise UnsupportedError(f"{context.place}: {name} gives no value")
