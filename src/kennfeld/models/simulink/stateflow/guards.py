@@ -224,7 +224,7 @@ class Logic:
             number = self.loom.value(side)
             if number is not None and number != self.loom.value(value):
                 return False
-            if number is None and side not in guard.values:
+            if side not in guard.values and self.loom.nodes[side].op in ("state", "select"):
                 for condition, holds in self._equal((side, value), guard):
                     self._learn(condition, holds, guard)
                 waiting = list(guard.values.items())
