@@ -1,22 +1,35 @@
 """What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import NoValueError, each
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.flatten import STATE, Atom
 from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, common_shape, fastest
+from kennfeld.models.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Bus,
+    Nodes,
+    OpenBus,
+    Signal,
+    Wired,
+    common_shape,
+    fastest,
+)
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
 
-__all__ = ["Site", "Then", "as_vector", "resized"]
+__all__ = ["Site", "Then", "as_vector", "cases_of", "resized"]
 
 Then = Callable[[Signal], Signal]
 
@@ -28,7 +41,7 @@ class Site:
         self.weaver = weaver
         self.atom = atom
         self.kind = weaver.kind(atom)
-        self.memories = 0
+        self.memories = self.before = 0
 
     @property
     def loom(self) -> Loom:
@@ -80,7 +93,7 @@ class Site:
                 return self.weaver.expressions.fixed(given.value)
             return self.weaver.expressions.array(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def numbers(self, name: str, otherwise: str | None = None) -> Array:
         """A parameter as fixed numbers, Float[rows, columns]."""
@@ -91,14 +104,14 @@ class Site:
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def evaluated(self, text: str) -> Array:
         """The numbers of an expression that is part of a parameter."""
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE, error.undefined) from None
 
     def number(self, name: str, otherwise: str | None = None) -> float:
         """A parameter as one fixed number."""
@@ -124,12 +137,22 @@ class Site:
     def input(self, index: int = 0) -> Signal:
         """The signal at an input, counted from 0."""
         found = self.wired(index)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             only = [member for member in found.members.values() if isinstance(member, Signal)]
             if len(only) == len(found.members) == 1:
                 return only[0]
             raise UnsupportedError(f"its input {index + 1} is a bus", "Select one signal of the bus before the block.")
         return found
+
+    def bus(self, index: int = 0) -> Wired:
+        """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        found = self.wired(index)
+        if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
+            return found
+        return self.weaver.opened(source.atom)
 
     @property
     def inputs(self) -> list[Signal]:
@@ -181,6 +204,15 @@ class Site:
     def _is(self, signal: Signal, value: float) -> bool:
         return all(self.loom.value(node) == value for node in signal.flat)
 
+    def truncated(self, x: Signal) -> Signal:
+        """A signal without what is behind its decimal point."""
+        return self.call("mul", self.call("sign", x), self.call("floor", self.call("abs", x)))
+
+    def among(self, x: Signal, values: Iterable[float]) -> Signal:
+        """1 where a signal is one of several values."""
+        equal = [self.call("eq", x, self.constant(value)) for value in values]
+        return self.fold("or", equal) if equal else self.constant(0.0)
+
     # time
 
     @property
@@ -208,30 +240,84 @@ class Site:
 
     # memory
 
-    def remember(self, init: Signal, then: Then, latency: int = 1) -> Signal:
-        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built."""
+    def remember(self, init: Signal, then: Then, latency: int = 1, ported: bool = False) -> Signal:
+        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built.
+
+        The memory that is `ported` is what the block's state port shows.
+        """
         self.memories += 1
-        return self.weaver.remember(self, self.memories, init, then, latency)
+        return self.weaver.remember(self, STATE if ported else self.memories, init, then, latency)
 
     def integrate(
-        self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None
+        self,
+        init: Signal,
+        slope: Then,
+        reset: Signal | None = None,
+        limits: tuple[Signal, Signal] | None = None,
+        ported: bool = False,
     ) -> Signal:
-        """A continuous state, advanced by the solver."""
+        """A continuous state, advanced by the solver; one that is `ported` is what the block's state port shows."""
         self.memories += 1
-        return self.weaver.integrate(self, self.memories, init, slope, reset, limits)
+        return self.weaver.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
+
+    def wish(self, index: int, shape: tuple[int, ...]) -> None:
+        """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        if source is not None:
+            self.weaver.wish(source.atom, shape)
 
     def edge(self, x: Signal, kind: str) -> Signal:
-        """1 where a signal crosses zero in the way of a trigger: rising, falling, either."""
-        before = self.remember(x, lambda _: x)
-        zero = self.constant(0.0)
-        rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
-        falling = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
+        """1 where a signal crosses zero in the way of a trigger: rising, falling, either.
+
+        A signal that comes to rest at zero has crossed it; where it leaves zero on the other side, it has so once.
+        """
+        before = self.remember(self.call("sign", x), lambda before: self._side(before, x))
+        zero, one = self.constant(0.0), self.constant(1.0)
+        rests = self.call("eq", x, zero)
+        up = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
+        down = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
+        rising = self.call("or", up, self.call("and", self.call("eq", before, self.constant(-1.0)), rests))
+        falling = self.call("or", down, self.call("and", self.call("eq", before, one), rests))
+        return self._of_kind(kind, rising, falling)
+
+    def _side(self, before: Signal, x: Signal) -> Signal:
+        """The sign of a signal; at zero half of the sign of the way on which it came there in this step."""
+        half = self.call("mul", self.constant(-0.5), before)
+        arrived = self.select(self.call("eq", self.call("abs", before), self.constant(1.0)), half, self.constant(0.0))
+        return self.select(self.call("eq", x, self.constant(0.0)), arrived, self.call("sign", x))
+
+    def sampled_edge(self, x: Signal, kind: str) -> Signal:
+        """1 where a signal begins to be positive (rising), ceases to be so (falling), or does either."""
+        before = self.call("gt", self.remember(x, lambda _: x), self.constant(0.0))
+        now = self.call("gt", x, self.constant(0.0))
+        rising = self.call("and", now, self.call("not", before))
+        falling = self.call("and", before, self.call("not", now))
+        return self._of_kind(kind, rising, falling)
+
+    def _of_kind(self, kind: str, rising: Signal, falling: Signal) -> Signal:
         if kind == "either":
             return self.call("or", rising, falling)
         return rising if kind == "rising" else falling
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
+
+
+def cases_of(site: Site, name: str) -> list[list[float]]:
+    """A parameter that lists cases, `{1, [2 3], Gear.First}`: the values of each."""
+    text = site.text(name)
+    try:
+        tree = parse_expression(text)
+    except InputError:
+        tree = m.Number(0.0)
+    if not isinstance(tree, m.CellArray):
+        raise UnsupportedError(f"{name} is {text[:60]}, not a list of cases")
+    elements = [element for row in tree.rows for element in row]
+    try:
+        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope) for one in elements]
+    except NoValueError as error:
+        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
+    return [[float(n) for n in numbers.ravel()] for numbers in found]
 
 
 def as_vector(nodes: Nodes) -> Nodes:

@@ -1,13 +1,15 @@
 """Signals put together, taken apart and passed on."""
 
-import re
-
 import numpy as np
 
+from kennfeld.models.simulink.blocktypes.places import length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.flatten import member_names
-from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
+from kennfeld.models.simulink.site import Site, cases_of
+
+_LONGEST_PICK = 10_000
+_MOST_COMPARISONS = 100_000
 
 
 @block("SignalConversion", "SignalSpecification", "RateTransition")
@@ -42,6 +44,8 @@ def demux(site: Site) -> tuple[Wired, ...]:
             return tuple(members)
         nodes = [node for _, signal in leaves(wired) for node in signal.flat]
         wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
+    if wired.size == 1 < _outputs(site) and site.numbers("Outputs").size == 1:
+        site.wish(0, (_outputs(site),))
     widths = _widths(site, wired.size)
     ends = np.cumsum(widths)
     flat = np.array(wired.flat, dtype=np.int64)
@@ -84,7 +88,7 @@ def bus_creator(site: Site) -> Wired:
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
 def bus_selector(site: Site) -> Wired | tuple[Wired, ...]:
     """Signals of a bus by their names."""
-    wired = site.wired(0)
+    wired = site.bus()
     ways = [way.strip() for way in site.text("OutputSignals").split(",")]
     found = [member_of(site, wired, way) for way in ways]
     if site.on("OutputAsBus"):
@@ -97,17 +101,18 @@ def member_of(site: Site, wired: Wired, way: str) -> Wired:
     for name in way.split("."):
         if not isinstance(wired, Bus):
             raise UnsupportedError(f"it selects {way} of a signal that is no bus")
-        if name not in wired.members:
+        found = wired.member(name)
+        if found is None:
             known = ", ".join(wired.members)
             raise UnsupportedError(f"it selects {way}, but the bus has {known[:200]}")
-        wired = wired.members[name]
+        wired = found
     return wired
 
 
 @block("BusAssignment", AssignedSignals="")
 def bus_assignment(site: Site) -> Wired:
     """A bus with some of its signals replaced."""
-    bus = site.wired(0)
+    bus = site.bus()
     for at, way in enumerate(site.text("AssignedSignals").split(","), 1):
         member_of(site, bus, way.strip())
         bus = _assigned(bus, way.strip().split("."), site.wired(at))
@@ -115,9 +120,10 @@ def bus_assignment(site: Site) -> Wired:
 
 
 def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
-    if not way or not isinstance(wired, Bus):
+    inner = wired.member(way[0]) if way and isinstance(wired, Bus) else None
+    if inner is None or not isinstance(wired, Bus):
         return new
-    return Bus({**wired.members, way[0]: _assigned(wired.members[way[0]], way[1:], new)})
+    return wired.assigned(way[0], _assigned(inner, way[1:], new))
 
 
 @block("Concatenate", Mode="Vector", ConcatenateDimension="1")
@@ -163,34 +169,20 @@ def selector(site: Site) -> Wired:
     """Elements of a vector or matrix by their places."""
     x = site.input()
     dimensions = site.whole("NumberOfDimensions", 1, 2)
-    options = _listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
-    given = _listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
+    options = listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
+    given = listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it selects from {dimensions} dimensions of a signal that has {nodes.ndim}")
     port = 1
     for axis, option in enumerate(options[:dimensions]):
         text = given[axis] if axis < len(given) else ""
-        if option == "Index vector (port)":
-            nodes = _picked(site, nodes, axis, port)
+        if option in ("Index vector (port)", "Starting index (port)"):
+            nodes = _picked(site, nodes, axis, _running(site, option, axis, site.input(port)))
             port += 1
         else:
-            nodes = np.take(nodes, _places(site, option, text, nodes.shape[axis], axis), axis=axis)
+            nodes = np.take(nodes, positions(site, option, text, nodes.shape[axis], axis), axis=axis)
     return Signal(nodes, fastest([one.period for one in site.inputs]))
-
-
-def _listed(site: Site, *names: str) -> list[str]:
-    """A setting for each dimension, separated by commas or quoted; the first that the file states."""
-    written = next((text for name in names if (text := site.text(name, ""))), "")
-    quoted = re.findall(r"'([^']*)'", written)
-    parts, depth = [""], 0
-    for sign in written:
-        depth += (sign in "([{") - (sign in ")]}")
-        if sign == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += sign
-    return quoted or [part.strip() for part in parts if part.strip()]
 
 
 def _old_options(site: Site, dimensions: int) -> list[str]:
@@ -200,28 +192,20 @@ def _old_options(site: Site, dimensions: int) -> list[str]:
     return ["Index vector (dialog)"] * dimensions
 
 
-def _places(site: Site, option: str, text: str, size: int, axis: int) -> list[int]:
-    """The places along a dimension, counted from 0."""
-    if option == "Select all":
-        return list(range(size))
-    if option not in ("Index vector (dialog)", "Starting index (dialog)"):
-        raise UnsupportedError(f"it selects by {option!r}, which is not supported")
-    first = 0 if site.text("IndexMode").startswith("Zero") else 1
-    places = [int(n) - first for n in site.evaluated(text).ravel()]
-    if option == "Starting index (dialog)":
-        sizes = _listed(site, "OutputSizes", "OutputSizeArray")
-        count = int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
-        places = list(range(places[0], places[0] + count))
-    if places == [-1 - first]:
-        return list(range(size))
-    if not places or not all(0 <= place < size for place in places):
-        raise UnsupportedError(f"it selects {text[:60]} of {size} elements")
-    return places
+def _running(site: Site, option: str, axis: int, index: Signal) -> Signal:
+    """The places that an input gives; from a starting index, as many as the file says."""
+    if option != "Starting index (port)":
+        return index
+    count = length_of(site, axis)
+    if index.size != 1 or not 1 <= count <= _LONGEST_PICK:
+        raise UnsupportedError(f"it selects {count} elements from {index.size} starting places")
+    return site.call("add", index, site.constant(*map(float, range(count))))
 
 
-def _picked(site: Site, nodes: Nodes, axis: int, port: int) -> Nodes:
+def _picked(site: Site, nodes: Nodes, axis: int, places: Signal) -> Nodes:
     """Elements whose places are signals: one of all, chosen by comparison."""
-    places = site.input(port)
+    if places.size * nodes.size > _MOST_COMPARISONS:
+        raise UnsupportedError(f"{places.size} places that change among {nodes.size} elements are too many")
     first = 0.0 if site.text("IndexMode").startswith("Zero") else 1.0
     slices = [np.take(nodes, at, axis=axis) for at in range(nodes.shape[axis])]
     picked = []
@@ -257,6 +241,7 @@ def switch(site: Site) -> Wired:
 
 def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
     """One of two signals or buses."""
+    yes, no = (one.signal if isinstance(one, OpenBus) else one for one in (yes, no))
     if isinstance(yes, Signal) and isinstance(no, Signal):
         return site.select(condition, yes, no)
     if isinstance(yes, Bus) and isinstance(no, Bus) and yes.members.keys() == no.members.keys():
@@ -268,7 +253,9 @@ def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
        DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
 def multiport_switch(site: Site) -> Wired:
     """One of several inputs by the number at the first; the last one for any number beyond."""
-    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous")
+    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
+    if order == "Specify indices":
+        return _by_indices(site)
     first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
     index = site.input(0)
     data = [site.wired(at) for at in range(1, site.count)]
@@ -280,3 +267,23 @@ def multiport_switch(site: Site) -> Wired:
         limit = site.constant(float(at + 1 + first))
         made = chosen(site, site.call("lt", index, limit), data[at], made)
     return made
+
+
+def _by_indices(site: Site) -> Wired:
+    """One of several inputs by the cases that each is given; the last one, or one more behind it, for all others."""
+    cases = cases_of(site, "DataPortIndices")
+    data = [site.wired(at) for at in range(1, site.count)]
+    more = site.text("DataPortForDefault") == "Additional data port"
+    if len(data) != len(cases) + more or not data:
+        raise UnsupportedError(f"it has {len(data)} data ports for {len(cases)} indices")
+    index = site.truncated(site.input(0))
+    made = data[-1]
+    for case, one in reversed(list(zip(cases, data, strict=False))):
+        made = chosen(site, site.among(index, case), one, made)
+    return made
+
+
+@block("Inactive", needs=lambda site: ())
+def inactive(site: Site) -> Wired:
+    """An output of a variant source or sink that is not active."""
+    raise UnsupportedError("what it gives here belongs to a variant that is not active")

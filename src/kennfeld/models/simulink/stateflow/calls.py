@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.signals import Nodes, Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.stateflow.diagram import Event
 from kennfeld.models.simulink.stateflow.execution import Machine
 from kennfeld.models.simulink.stateflow.guards import Guard
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 __all__ = ["Calls", "port_names"]
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import Nodes
@@ -17,6 +16,7 @@ from kennfeld.models.simulink.stateflow.statements import Statements
 from kennfeld.models.simulink.stateflow.timers import SECONDS, TEMPORAL, TICKS, Timers, unit_of
 from kennfeld.models.simulink.stateflow.values import Context, Values
 from kennfeld.models.simulink.stateflow.variables import Variables
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 __all__ = ["Machine"]
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each, fold, way_of
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import Nodes
@@ -22,6 +21,7 @@ from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, State
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
 from kennfeld.models.simulink.stateflow.timers import CHANGES, TEMPORAL
 from kennfeld.models.simulink.stateflow.variables import Variables
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine
@@ -71,7 +71,7 @@ class Values:
         try:
             return self.logic.simplified(self.expressions.computed(plain, self.scope, taken), guard)
         except NoValueError as error:
-            raise UnsupportedError(f"{context.place}: {error}") from None
+            raise UnsupportedError(f"{context.place}: {error}", "", error.undefined) from None
         except InputError as error:
             raise UnsupportedError(f"{context.place}: {error.findings[0]}") from None
 
