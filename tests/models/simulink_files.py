@@ -68,11 +68,65 @@ class Mask:
 
 @dataclass
 class Chart:
-    """A flat chart: states by name with their labels, transitions (from, to, label), data (name, scope)."""
+    """A chart: states by name with their labels, transitions (from, to, label), data (name, scope).
+
+    `parents` are the states around states, junctions and functions; those of `parallel` have children that are active
+    at once, and "" among them stands for the chart. A transition may have a fourth part, the state that it is drawn in,
+    data an initial value, a size and a parent, events (name, scope, trigger) a parent. `functions` are states that are
+    functions, with their code in MATLAB or "" where they are drawn.
+    """
 
     states: dict[str, str] = field(default_factory=dict)
-    transitions: list[tuple[str, str, str]] = field(default_factory=list)
-    data: list[tuple[str, str]] = field(default_factory=list)
+    transitions: list[tuple[str, ...]] = field(default_factory=list)
+    data: list[tuple[str, ...]] = field(default_factory=list)
+    events: list[tuple[str, ...]] = field(default_factory=list)
+    parents: dict[str, str] = field(default_factory=dict)
+    parallel: tuple[str, ...] = ()
+    junctions: tuple[str, ...] = ()
+    histories: tuple[str, ...] = ()
+    functions: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)
+    language: str = "C"
+
+    def ids(self):
+        """The numbers of states and junctions by their names."""
+        return {name: at for at, name in enumerate((*self.states, *self.junctions, *self.histories), 1)}
+
+    def holder(self, transition):
+        """The state that a transition is drawn in: as given, else the nearest around both ends."""
+        if len(transition) > 3:
+            return transition[3]
+        source, target = transition[:2]
+        around = self.around(source)[1:] if source else self.around(target)[1:]
+        return next(name for name in around if name in self.around(target)[1:])
+
+    def around(self, name):
+        found = [name]
+        while found[-1]:
+            found.append(self.parents.get(found[-1], ""))
+        return found
+
+    def keys(self, name):
+        """What the file says of a state besides its label."""
+        parent = self.parents.get(name, "")
+        found = {"type": "FUNC_STATE" if name in self.functions else "OR_STATE"}
+        if parent in self.parallel and name not in self.functions:
+            brothers = [one for one in self.states if self.parents.get(one, "") == parent]
+            found = {"type": "AND_STATE", "executionOrder": str(1 + brothers.index(name))}
+        return found | {"decomposition": "SET_STATE" if name in self.parallel else "CLUSTER_STATE"}
+
+    def orders(self):
+        """The number of each transition among those that leave the same state or junction."""
+        seen = {}
+        for one in self.transitions:
+            key = one[0] or f"in {self.holder(one)}", one[0] == self.holder(one)
+            seen[key] = seen.get(key, 0) + 1
+            yield seen[key]
+
+    def written(self):
+        """The settings of the chart."""
+        found = {"decomposition": "SET_CHART" if "" in self.parallel else "CLUSTER_CHART"}
+        return found | ({"actionLanguage": "2"} if self.language == "MATLAB" else {}) | self.settings
 
 
 @dataclass
@@ -139,8 +193,10 @@ class System:
         return self.blocks[-1]
 
     def chart(self, name, chart, inputs=("u",), outputs=("y",)):
-        """A Stateflow chart."""
+        """A Stateflow chart, with a trigger port where it has events from outside."""
         made = self.function(name, "", inputs, outputs)
+        if any(scope == "INPUT_EVENT" for _, scope, *_ in chart.events):
+            made.system.block("TriggerPort", "Trigger")
         made.parameters["SFBlockType"] = "Chart"
         made.chart = chart
         return made
@@ -428,22 +484,42 @@ def _chart_xml(path, block, number):
         content = f'<state SSID="1">{_p("labelString", "eML_blk_kernel()")}{_p("type", "FUNC_STATE")}{code}</state>'
         kind = _p("type", "EML_CHART") + _p("actionLanguage", 2)
     else:
-        content, kind = _content_xml(block.chart), ""
+        content, kind = _content_xml(block.chart), "".join(_p(*pair) for pair in block.chart.written().items())
     return f'<chart id="{number}">{_p("name", path)}{kind}<Children>{content}</Children></chart>'
 
 
-def _content_xml(chart):
-    ids = {name: at for at, name in enumerate(chart.states, 1)}
-    content = [f'<state SSID="{ids[name]}">{_p("labelString", text)}</state>' for name, text in chart.states.items()]
-    for at, (source, target, label) in enumerate(chart.transitions, 1):
-        start = f"<src>{_p('SSID', ids[source]) if source else ''}</src>"
-        text = _p("labelString", label) + _p("executionOrder", at)
-        end = f"<dst>{_p('SSID', ids[target])}</dst>"
-        content.append(f'<transition SSID="{100 + at}">{text}{start}{end}</transition>')
-    content += [
-        f'<data SSID="{200 + at}" name={quoteattr(name)}>{_p("scope", scope)}</data>'
-        for at, (name, scope) in enumerate(chart.data, 1)
-    ]
+def _content_xml(chart, holder=""):
+    """What stands in a state, and all below it."""
+    ids, content = chart.ids(), []
+    for name in (one for one in chart.states if chart.parents.get(one, "") == holder):
+        code = chart.functions.get(name)
+        inside = _p("labelString", chart.states[name]) + "".join(_p(*pair) for pair in chart.keys(name).items())
+        inside += f"<eml>{_p('isEML', 1)}{_p('script', code)}</eml>" if code else ""
+        below = _content_xml(chart, name)
+        inside += f"<Children>{below}</Children>" if below else ""
+        content.append(f'<state SSID="{ids[name]}">{inside}</state>')
+    for name in (*chart.junctions, *chart.histories):
+        if chart.parents.get(name, "") == holder:
+            kind = "HISTORY_JUNCTION" if name in chart.histories else "CONNECTIVE_JUNCTION"
+            content.append(f'<junction SSID="{ids[name]}">{_p("type", kind)}</junction>')
+    for at, (one, order) in enumerate(zip(chart.transitions, chart.orders(), strict=True), 1):
+        if chart.holder(one) == holder:
+            start = f"<src>{_p('SSID', ids[one[0]]) if one[0] else ''}</src>"
+            text = _p("labelString", one[2]) + _p("executionOrder", order)
+            content.append(
+                f'<transition SSID="{100 + at}">{text}{start}<dst>{_p("SSID", ids[one[1]])}</dst></transition>'
+            )
+    for at, one in enumerate(chart.data, 1):
+        name, scope, initial, size, parent = (*one, "", "", "")[:5] if len(one) < 5 else one
+        if parent == holder:
+            array = f"<array>{_p('size', size)}</array>" if size else ""
+            props = f"<props>{array}{_p('initialValue', initial) if initial else ''}</props>"
+            content.append(f'<data SSID="{200 + at}" name={quoteattr(name)}>{_p("scope", scope)}{props}</data>')
+    for at, one in enumerate(chart.events, 1):
+        name, scope, trigger, parent = (*one, "")[:4]
+        if parent == holder:
+            keys = _p("name", name) + _p("scope", scope) + _p("trigger", trigger)
+            content.append(f'<event SSID="{300 + at}">{keys}</event>')
     return "".join(content)
 
 
@@ -575,7 +651,9 @@ def _stateflow_braces(model):
     content = [_braces("machine", "id 1")]
     for path, block in _functions(model):
         chart, base = 1000 + block.sid, 10_000 * block.sid
-        kind = ["type EML_CHART", "actionLanguage 2"] if block.chart is None else []
+        kind = ["type EML_CHART", "actionLanguage 2"]
+        if block.chart is not None:
+            kind = [f"{key} {_bare(value)}" for key, value in block.chart.written().items()]
         content.append(_braces("chart", f"id {chart}", _key("name", path), *kind))
         content += _function_braces(block, chart, base) if block.chart is None else _flat(block.chart, chart, base)
         content.append(_braces("instance", f"id {base + 9000}", _key("name", path), f"chart {chart}"))
@@ -589,28 +667,44 @@ def _function_braces(block, chart, base):
     return [_braces("state", f"id {base + 1}", "ssIdNumber 1", label, tree, f"chart {chart}", "type FUNC_STATE", code)]
 
 
+def _bare(value):
+    return value if re.fullmatch(r"\w+", value) else _quoted(value)
+
+
 def _flat(given, chart, base):
-    ids = {name: at for at, name in enumerate(given.states, 1)}
-    tree = f"treeNode [{chart} 0 0 0]"
-    content = [
-        _braces(
-            "state",
-            f"id {base + ids[name]}",
-            f"ssIdNumber {ids[name]}",
-            _key("labelString", text),
-            tree,
-            f"chart {chart}",
+    ids = {"": chart, **{name: base + number for name, number in given.ids().items()}}
+    content = []
+    for name, text in given.states.items():
+        number, code = ids[name], given.functions.get(name)
+        tree = f"treeNode [{ids[given.parents.get(name, '')]} 0 0 0]"
+        keys = [f"{key} {value}" for key, value in given.keys(name).items()]
+        head = [f"id {number}", f"ssIdNumber {number - base}", _key("labelString", text), tree, f"chart {chart}"]
+        content.append(
+            _braces("state", *head, *keys, *([_braces("eml", "isEML 1", _key("script", code))] if code else []))
         )
-        for name, text in given.states.items()
-    ]
-    link = f"linkNode [{chart} 0 0]"
-    for at, (source, target, label) in enumerate(given.transitions, 1):
-        start = _braces("src", f"id {base + ids[source]}") if source else _braces("src", "intersection [0 0 0 0]")
-        end = _braces("dst", f"id {base + ids[target]}")
-        head = [f"id {base + 100 + at}", f"ssIdNumber {100 + at}", _key("labelString", label), f"executionOrder {at}"]
+    for name in (*given.junctions, *given.histories):
+        kind = "HISTORY_JUNCTION" if name in given.histories else "CONNECTIVE_JUNCTION"
+        head = [f"id {ids[name]}", f"ssIdNumber {ids[name] - base}", f"type {kind}", f"chart {chart}"]
+        content.append(_braces("junction", *head, f"linkNode [{ids[given.parents.get(name, '')]} 0 0]"))
+    for at, (one, order) in enumerate(zip(given.transitions, given.orders(), strict=True), 1):
+        start = _braces("src", f"id {ids[one[0]]}") if one[0] else _braces("src", "intersection [0 0 0 0]")
+        end = _braces("dst", f"id {ids[one[1]]}")
+        head = [
+            f"id {base + 100 + at}",
+            f"ssIdNumber {100 + at}",
+            _key("labelString", one[2]),
+            f"executionOrder {order}",
+        ]
+        link = f"linkNode [{ids[given.holder(one)]} 0 0]"
         content.append(_braces("transition", *head, start, end, f"chart {chart}", link))
-    content += [
-        _braces("data", f"id {base + 200 + at}", f"ssIdNumber {200 + at}", _key("name", name), f"scope {scope}", link)
-        for at, (name, scope) in enumerate(given.data, 1)
-    ]
+    for at, one in enumerate(given.data, 1):
+        name, scope, initial, size, parent = (*one, "", "", "")[:5] if len(one) < 5 else one
+        array = [_braces("array", _key("size", size))] if size else []
+        props = _braces("props", *array, *([_key("initialValue", initial)] if initial else []))
+        head = [f"id {base + 200 + at}", f"ssIdNumber {200 + at}", _key("name", name), f"scope {scope}"]
+        content.append(_braces("data", *head, *([props] if array or initial else []), f"linkNode [{ids[parent]} 0 0]"))
+    for at, one in enumerate(given.events, 1):
+        name, scope, trigger, parent = (*one, "")[:4]
+        head = [f"id {base + 300 + at}", f"ssIdNumber {300 + at}", _key("name", name), f"scope {scope}"]
+        content.append(_braces("event", *head, f"trigger {trigger}", f"linkNode [{ids[parent]} 0 0]"))
     return content

@@ -113,7 +113,7 @@ def test_functions_and_charts_are_found_at_their_blocks(read):
     assert (limit.chart.kind, limit.chart.language, shift.chart.kind) == ("MATLAB Function", "MATLAB", "Chart")
     states = {state.id: state.name for state in shift.chart.states}
     moves = [(states.get(t.source, ""), states[t.target], t.label, t.order) for t in shift.chart.transitions]
-    assert moves == [("", "Off", "", 1), ("Off", "On", "[u > 3]", 2), ("On", "Off", "[u < 2]{k=1;}", 3)]
+    assert moves == [("", "Off", "", 1), ("Off", "On", "[u > 3]", 1), ("On", "Off", "[u < 2]{k=1;}", 1)]
     assert [(data.name, data.scope) for data in shift.chart.data] == [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA")]
     assert len(read.charts) == 2
 

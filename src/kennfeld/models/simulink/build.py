@@ -196,6 +196,10 @@ class Weaver:
             found += self._written_by(atom.earlier)
         return [*found, *(self.stores.before(atom) if atom.store is not None else ())]
 
+    def needed(self, atom: Atom) -> list[Atom]:
+        """The blocks that a block's outputs depend on within the step."""
+        return self._needed(atom)
+
     def _written_by(self, atom: Atom) -> list[Atom]:
         """What has to be there so that the next pass can read the memory of a block."""
         site = self.site(atom)
@@ -251,7 +255,7 @@ class Weaver:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return self._unsound(atom)
         outputs = made if isinstance(made, tuple) else (made,)
-        return tuple(self._sampled(atom, wired) for wired in outputs)
+        return tuple(self._sampled(atom, wired) for wired in outputs) if kind.held else outputs
 
     def _look_for_values(self, atom: Atom, kind: Kind) -> None:
         """Note a variable without a value behind a block that stops: all of them are told at once."""
@@ -311,6 +315,20 @@ class Weaver:
         """The signal of an output that is not bound though another of the block is."""
         self._fail(atom, f"its output {number} is not bound", f'Bind it as well: "{atom.path}:{number}".')
         return self._nan()
+
+    def built_meanwhile(self, atom: Atom, outputs: tuple[Wired, ...], goals: Iterable[Atom]) -> list[Atom]:
+        """Build blocks while another one is built that they depend on, with its outputs as they are by then.
+
+        The blocks that were built for it.
+        """
+        known = set(self._values)
+        self._values[atom] = outputs
+        try:
+            for goal in goals:
+                self._visit(goal)
+        finally:
+            del self._values[atom]
+        return [one for one in self._values if one not in known]
 
     # parameters
 

@@ -1,6 +1,7 @@
 """A Stateflow chart as a plain tree: states, junctions, transitions and data, their labels as written."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 __all__ = ["Chart", "ChartData", "ChartEvent", "ChartState", "Junction", "Transition"]
 
@@ -11,6 +12,8 @@ class ChartState:
 
     `type` is as in the file: OR_STATE, AND_STATE, FUNC_STATE, GROUP_STATE; `parent` is the id of the state around it,
     empty at the top. `decomposition` is CLUSTER_STATE (one child at a time) or SET_STATE (all children at once).
+    `note` marks a box that is but text; `special` says what makes it more than a state or a function of the chart.
+    `output` is the name of the output that tells whether it is active.
     """
 
     id: str
@@ -20,6 +23,9 @@ class ChartState:
     order: int = 0
     parent: str = ""
     script: str = ""
+    note: bool = False
+    special: str = ""
+    output: str = ""
 
     @property
     def name(self) -> str:
@@ -57,7 +63,9 @@ class Transition:
 class ChartData:
     """A variable of a chart.
 
-    `scope` is as in the file: INPUT_DATA, OUTPUT_DATA, LOCAL_DATA, PARAMETER_DATA, CONSTANT_DATA, ...
+    `scope` is as in the file: INPUT_DATA, OUTPUT_DATA, LOCAL_DATA, PARAMETER_DATA, CONSTANT_DATA, ... `first` is the
+    index of its first element; with `from_workspace` it begins as the variable of its name; `update` is stated where
+    it is integrated.
     """
 
     name: str
@@ -66,6 +74,10 @@ class ChartData:
     type: str = ""
     size: str = ""
     parent: str = ""
+    first: str = ""
+    from_workspace: bool = False
+    update: str = ""
+    message: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +96,7 @@ class Chart:
 
     `name` is the path of its block without the model's name; `decomposition` is CLUSTER_CHART (one state at a time)
     or SET_CHART (all at once); `language` is "MATLAB" or "C"; `script` is the code of a MATLAB Function.
+    `bits` says whether the operators of C work on bits; `settings` are further settings that change how it runs.
     """
 
     id: str
@@ -100,3 +113,5 @@ class Chart:
     data: tuple[ChartData, ...] = ()
     events: tuple[ChartEvent, ...] = ()
     execute_at_initialization: bool = False
+    bits: bool = False
+    settings: Mapping[str, str] = field(default_factory=dict)

@@ -13,9 +13,11 @@ _KINDS = {
     "EML_CHART": "MATLAB Function",
     "2": "MATLAB Function",
     "TRUTH_TABLE_CHART": "Truth Table",
+    "TRUTHTABLE_CHART": "Truth Table",
     "1": "Truth Table",
     "STATE_TRANSITION_TABLE_CHART": "State Transition Table",
 }
+_SETTINGS = ("stateMachineType", "enableSuperStep", "superStep", "initializeOutput", "continuousTime")
 _TABLES = ("state", "junction", "transition", "data", "event")
 
 
@@ -116,6 +118,8 @@ def _chart(section: Section, name: str, content: Content) -> Chart:
         data=tuple(_data(part, parent) for part, _, parent in _of(content, "data")),
         events=tuple(_event(part, parent) for part, _, parent in _of(content, "event")),
         execute_at_initialization=keys.get("executeAtInitialization") == "1",
+        bits=keys.get("enableBitOps") == "1",
+        settings={key: keys[key] for key in _SETTINGS if key in keys},
     )
 
 
@@ -133,7 +137,33 @@ def _state(section: Section, number: str, parent: str) -> ChartState:
         _whole(keys.get("executionOrder", "")),
         parent,
         code.get("script") if code is not None else "",
+        keys.get("isNoteBox") == "1",
+        _special(section),
+        _output(section),
     )
+
+
+def _special(section: Section) -> str:
+    """What a state or function is besides one of the chart."""
+    block, table = section.first("simulink"), section.first("truthTable")
+    if block is not None:
+        return "a Simulink function" if block.get("isSimulinkFcn") == "1" else "a state made of Simulink blocks"
+    if table is not None and table.get("isTruthTable") == "1":
+        return "a truth table"
+    if (
+        section.first("subchart") is not None
+        or section.keys.get("superState") == "ATOMIC"
+        or section.first("component")
+    ):
+        return "an atomic subchart"
+    return ""
+
+
+def _output(section: Section) -> str:
+    output = section.first("activeStateOutput")
+    if output is None:
+        return ""
+    return output.get("customName") or section.keys.get("labelString", "").split("\n")[0].strip().rstrip("/")
 
 
 def _transition(section: Section, number: str, parent: str, numbers: Mapping[str, str]) -> Transition:
@@ -157,6 +187,10 @@ def _data(section: Section, parent: str) -> ChartData:
         section.keys.get("dataType", ""),
         shape.get("size") if shape is not None else "",
         parent,
+        shape.get("firstIndex") if shape is not None else "",
+        section.keys.get("initFromWorkspace") == "1",
+        properties.get("updateMethod") if properties is not None else "",
+        section.first("message") is not None,
     )
 
 

@@ -450,6 +450,10 @@ class _Flattening:
         if atom.kind == "BusElement" and level.parent is not None and level.holder is not None:
             atom.inputs = [self.source(level.parent, Endpoint(level.holder.sid, "in", _number(atom.block)))]
             atom.ways = (element_of(atom.block) or "",)
+        if atom.kind == "Chart" and atom.block.system is not None:
+            atom.special = {_SPECIAL[port.type]: port for port in atom.block.system.of("TriggerPort")}
+            ends += [Endpoint(sid, kind) for kind in atom.special]
+            atom.inputs += [self.source(level, Endpoint(sid, kind)) for kind in atom.special]
         atom.taken = {i: name for i, end in enumerate(ends) if (name := self._label(level, end))}
         atom.names = {number - 1: name for number, name in atom.block.signals.items()} | level.named.get(sid, {})
 
@@ -650,6 +654,8 @@ def _around(level: Level) -> Iterator[Level]:
 
 
 def _kind(block: Block, known: frozenset[str]) -> str:
+    if block.chart is not None and block.chart.kind == "Chart":
+        return "Chart"
     if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:

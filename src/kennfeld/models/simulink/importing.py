@@ -27,7 +27,8 @@ from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
-from kennfeld.models.simulink.tree import Block, Document, System, split
+from kennfeld.models.simulink.single import single
+from kennfeld.models.simulink.tree import Block, Document, System, joined, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
 from kennfeld.models.simulink.variants import content
 
@@ -133,6 +134,8 @@ class Opened:
                 known = [b.path for b in document.root.every() if b.system is not None]
                 mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
                 raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+            if block.chart is not None:
+                return single(block, block.system), scope, joined(*names[:-1])
             scope, system = scope.within(block), block.system
         assert block is not None
         try:

@@ -26,7 +26,8 @@ class Kind:
 
     `sample` is the parameter that holds its sample time, or says which one does; no parameter is called "". A `linked`
     type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into. A `refused`
-    one is known for the reason why no setting of it can be built.
+    one is known for the reason why no setting of it can be built. `held` is false where the rule itself says what the
+    outputs are between the hits of the sample time.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Kind:
     sample: Sample = "SampleTime"
     linked: bool = False
     refused: bool = False
+    held: bool = True
 
     def sample_of(self, block: Block) -> str:
         """The parameter that holds a block's sample time."""
@@ -63,13 +65,14 @@ def block(
     sample: Sample = "SampleTime",
     linked: bool = False,
     refused: bool = False,
+    held: bool = True,
     **defaults: str,
 ) -> Callable[[Rule], Rule]:
     """Enter a function as the rule of block types."""
 
     def enter(rule: Rule) -> Rule:
         for name in names:
-            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked, refused)
+            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked, refused, held)
         return rule
 
     return enter

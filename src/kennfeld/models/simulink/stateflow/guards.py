@@ -1,0 +1,265 @@
+"""Conditions under which parts of a chart run, and what is known where they hold.
+
+A guard is a node that is true where its part runs. What it knows besides, that other nodes are true, false or have one
+value, prunes parts that cannot run, and finds the values of variables that are fixed on one way through a chart.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from kennfeld.graph.operations import OPERATIONS
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.signals import Nodes
+
+__all__ = ["Guard", "Logic"]
+
+_MOST_LOOKED_AT = 400  # nodes, to find out whether one is known
+_TURNED = {"lt": "gt", "gt": "lt", "le": "ge", "ge": "le"}
+_COMPARED = frozenset({"eq", "ne", "lt", "le", "gt", "ge"})
+
+
+Clause: TypeAlias = tuple[tuple[int, ...], bool]
+
+
+@dataclass(eq=False)
+class Guard:
+    """A node that says where a part runs; `facts` are nodes known there as true or false, `values` as constants.
+
+    Each of `clauses` are nodes of which not all are true, or with False not all are false. `ranges` are the limits of
+    numbers that comparisons have told, these limits included.
+    """
+
+    node: int
+    facts: dict[int, bool] = field(default_factory=dict)
+    values: dict[int, int] = field(default_factory=dict)
+    ranges: dict[int, tuple[float, float]] = field(default_factory=dict)
+    clauses: list[Clause] = field(default_factory=list)
+    unknown: set[int] = field(default_factory=set)
+
+
+class Logic:
+    """Makes guards, and simplifies nodes by what they know."""
+
+    def __init__(self, loom: Loom) -> None:
+        self.loom = loom
+        self._left = 0
+
+    @property
+    def always(self) -> Guard:
+        """The guard of what runs in every step."""
+        return Guard(self.loom.const(1.0))
+
+    # what is known
+
+    def truth(self, node: int, guard: Guard) -> bool | None:
+        """Whether a node is true wherever a guard holds, false there, or neither (None)."""
+        self._left = _MOST_LOOKED_AT
+        return self._truth(node, guard)
+
+    def simple(self, node: int, guard: Guard) -> int:
+        """The node that has the same value wherever a guard holds, without decisions that are made there."""
+        self._left = _MOST_LOOKED_AT
+        return self._simple(node, guard)
+
+    def simplified(self, nodes: Nodes, guard: Guard) -> Nodes:
+        """An array of nodes, each of them simplified."""
+        made = [self.simple(int(node), guard) for node in nodes.ravel()]
+        return np.array(made, dtype=np.int64).reshape(nodes.shape)
+
+    def _truth(self, node: int, guard: Guard) -> bool | None:
+        op, args, payload = self.loom.nodes[node]
+        if op == "const":
+            return bool(payload)
+        if node in guard.facts:
+            return guard.facts[node]
+        if node in guard.unknown or self._left <= 0:
+            return None
+        self._left -= 1
+        found = self._found(op, args, node, guard)
+        if found is None:
+            guard.unknown.add(node)
+        else:
+            guard.facts[node] = found
+        return found
+
+    def _found(self, op: str, args: tuple[int, ...], node: int, guard: Guard) -> bool | None:
+        if op == "not":
+            inner = self._truth(args[0], guard)
+            return None if inner is None else not inner
+        if op in ("and", "or"):
+            parts = [self._truth(arg, guard) for arg in args]
+            decisive = op == "or"
+            return decisive if decisive in parts else None if None in parts else not decisive
+        if op in _COMPARED:
+            return self._compared(op, args, guard)
+        simple = self._simple(node, guard)
+        return None if simple == node else self._truth(simple, guard)
+
+    def _compared(self, op: str, args: tuple[int, ...], guard: Guard) -> bool | None:
+        simple = tuple(self._simple(arg, guard) for arg in args)
+        numbers = [self.loom.value(arg) for arg in simple]
+        if None not in numbers:
+            return bool(OPERATIONS[op].evaluate(*numbers))
+        node, op, number = self._against(op, simple)
+        if node not in guard.ranges or number is None:
+            return None
+        low, high = guard.ranges[node]
+        if op in ("gt", "ge"):
+            return True if low > number else False if high < number or (op == "gt" and high == number) else None
+        if op in ("lt", "le"):
+            return True if high < number else False if low > number or (op == "lt" and low == number) else None
+        return op == "ne" if not low <= number <= high else None
+
+    def _against(self, op: str, args: tuple[int, ...]) -> tuple[int, str, float | None]:
+        """A comparison with the number on the right."""
+        left = self.loom.value(args[0])
+        return (args[0], op, self.loom.value(args[1])) if left is None else (args[1], _TURNED.get(op, op), left)
+
+    def _simple(self, node: int, guard: Guard) -> int:
+        while node not in guard.values:
+            op, args, _ = self.loom.nodes[node]
+            known = self._truth(args[0], guard) if op == "select" else None
+            if known is None:
+                return node
+            node = args[1] if known else args[2]
+        return guard.values[node]
+
+    # guards
+
+    def where(self, guard: Guard, condition: int, holds: bool = True) -> Guard | None:
+        """The guard where a condition holds as well, or with `holds` false does not; None where that is nowhere."""
+        known = self.truth(condition, guard)
+        if known is not None:
+            return guard if known == holds else None
+        wanted = condition if holds else self.loom.call("not", condition)
+        node = wanted if self.loom.value(guard.node) else self.loom.call("and", guard.node, wanted)
+        made = Guard(node, dict(guard.facts), dict(guard.values), dict(guard.ranges), list(guard.clauses))
+        self._learn(condition, holds, made)
+        if not self._concluded(made):
+            return None
+        made.facts[node] = True
+        return made
+
+    def _learn(self, condition: int, holds: bool, guard: Guard) -> None:
+        """Note a condition, and what follows for what it is made of."""
+        waiting = [(condition, holds)]
+        while waiting:
+            node, truth = waiting.pop()
+            if guard.facts.get(node) == truth:
+                continue
+            guard.facts[node] = truth
+            op, args, _ = self.loom.nodes[node]
+            if op == "not":
+                waiting.append((args[0], not truth))
+            elif op == ("and" if truth else "or"):
+                waiting += [(arg, truth) for arg in args]
+            elif op in ("and", "or"):
+                guard.clauses.append((args, not truth))
+            elif truth and op in _TURNED:
+                self._limit(op, args, guard)
+            elif op == ("eq" if truth else "ne"):
+                waiting += self._equal(args, guard)
+
+    def _limit(self, op: str, args: tuple[int, ...], guard: Guard) -> None:
+        """Note a limit; one that is not kept tells nothing, since what is no number keeps none."""
+        node, op, number = self._against(op, args)
+        if number is not None:
+            low, high = guard.ranges.get(node, (-math.inf, math.inf))
+            guard.ranges[node] = (max(low, number), high) if op in ("gt", "ge") else (low, min(high, number))
+
+    def _equal(self, args: tuple[int, ...], guard: Guard) -> list[tuple[int, bool]]:
+        """Note the value of a memory, and the decisions that follow; what is no memory stays, so its derivatives do."""
+        follows: list[tuple[int, bool]] = []
+        for one, other in (args, args[::-1]):
+            number, node = self.loom.value(other), one
+            while number is not None and self.loom.nodes[node].op in ("state", "select"):
+                guard.values[node] = other
+                op, parts, _ = self.loom.nodes[node]
+                sides = [self.loom.value(part) for part in parts[1:]] if op == "select" else []
+                wrong = next((at for at, side in enumerate(sides) if side is not None and side != number), None)
+                if wrong is None:
+                    break
+                follows.append((parts[0], bool(wrong)))
+                node = parts[2 - wrong]
+        return follows
+
+    def _concluded(self, guard: Guard) -> bool:
+        """Draw conclusions from the clauses; whether they can all hold."""
+        again = True
+        while again:
+            again = False
+            if not self._followed(guard):
+                return False
+            for clause in guard.clauses:
+                args, truth = clause
+                self._left = _MOST_LOOKED_AT
+                known = [self._truth(arg, guard) for arg in args]
+                open_ = [arg for arg, value in zip(args, known, strict=True) if value is None]
+                if (not truth) in known or len(open_) > 1:
+                    continue
+                if not open_:
+                    return False
+                guard.clauses = [one for one in guard.clauses if one is not clause]
+                guard.unknown.clear()
+                self._learn(open_[0], not truth, guard)
+                again = True
+                break
+        return True
+
+    def _followed(self, guard: Guard) -> bool:
+        """Hand values on to the sides of decisions that are known by now; whether that fits."""
+        waiting = list(guard.values.items())
+        while waiting:
+            node, value = waiting.pop()
+            op, args, _ = self.loom.nodes[node]
+            self._left = _MOST_LOOKED_AT
+            known = self._truth(args[0], guard) if op == "select" else None
+            if known is None:
+                continue
+            side = args[1] if known else args[2]
+            number = self.loom.value(side)
+            if number is not None and number != self.loom.value(value):
+                return False
+            if side not in guard.values and self.loom.nodes[side].op in ("state", "select"):
+                for condition, holds in self._equal((side, value), guard):
+                    self._learn(condition, holds, guard)
+                waiting = list(guard.values.items())
+        return True
+
+    def besides(self, guard: Guard, taken: Guard | None) -> Guard | None:
+        """The guard where another one, which is part of it, does not hold."""
+        if taken is None:
+            return guard
+        return None if taken.node == guard.node else self.where(guard, taken.node, holds=False)
+
+    def either(self, guards: Sequence[Guard | None]) -> Guard | None:
+        """The guard where any of several holds; it knows what all of them know."""
+        given = [guard for guard in guards if guard is not None]
+        if len(given) < 2:
+            return given[0] if given else None
+        node = given[0].node
+        for one in given[1:]:
+            node = self.loom.call("or", node, one.node)
+        first, *rest = given
+        facts = {k: v for k, v in first.facts.items() if all(one.facts.get(k) == v for one in rest)}
+        values = {k: v for k, v in first.values.items() if all(one.values.get(k) == v for one in rest)}
+        clauses = [one for one in first.clauses if all(one in other.clauses for other in rest)]
+        ranges = {k: v for k, v in first.ranges.items() if all(one.ranges.get(k) == v for one in rest)}
+        return Guard(node, {**facts, node: True}, values, ranges, clauses)
+
+    def chosen(self, guard: Guard, new: Nodes, old: Nodes) -> Nodes:
+        """What a variable holds after it has been given a new value where a guard holds."""
+        pairs = zip(new.ravel(), old.ravel(), strict=True)
+        made = [self._chosen(guard, int(one), int(other)) for one, other in pairs]
+        return np.array(made, dtype=np.int64).reshape(new.shape)
+
+    def _chosen(self, guard: Guard, new: int, old: int) -> int:
+        op, args, _ = self.loom.nodes[old]
+        while op == "select" and args[0] == guard.node:
+            old = args[2]
+            op, args, _ = self.loom.nodes[old]
+        return new if new == old else self.loom.call("select", guard.node, new, old)

@@ -1,0 +1,130 @@
+"""The labels of charts taken apart, and the C action language, against trees by hand."""
+
+import pytest
+
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
+from kennfeld.models.simulink.stateflow.actions import Language
+from kennfeld.models.simulink.stateflow.clanguage import CError, c_expression, c_statements
+from kennfeld.models.simulink.stateflow.labels import state_label, transition_label, without_comments
+
+
+@pytest.mark.parametrize(
+    ("text", "actions"),
+    [
+        ("A", []),
+        ("A/", []),
+        ("A/ entry: y = 1;", [("entry", "y = 1;", "")]),
+        ("A\nen, du: y = 1;\nex: z = 0;", [("entry", "y = 1;", ""), ("during", "y = 1;", ""), ("exit", "z = 0;", "")]),
+        ("A\nentry : x = a;\non E: y++;\non after(3, tick) : z = 1;",
+         [("entry", "x = a;", ""), ("on", "y++;", "E"), ("on", "z = 1;", "after(3, tick)")]),
+        ("A // entry: not here\nduring: y = c ? 1; /* exit: */ z = 2;", [("during", "y = c ? 1;   z = 2;", "")]),
+        ("A\nen: y = 1; ex: y = 2;", [("entry", "y = 1;", ""), ("exit", "y = 2;", "")]),
+        ("A\nbind: E, x", [("bind", "E, x", "")]),
+        ("A\nduring:", []),
+    ],
+)  # fmt: skip
+def test_labels_of_states_are_taken_apart(text, actions):
+    found = state_label(text)
+    assert found.name == "A"
+    assert [(one.kind, one.code, one.event) for one in found.actions] == actions
+
+
+def test_actions_without_a_keyword_are_those_at_entry_and_during():
+    found = state_label("A\ny = 1;\nexit: y = 0;", "MATLAB")
+    assert found.bare
+    assert [one.kind for one in found.actions] == ["entry", "during", "exit"]
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("", ("", "", "", "")),
+        ("?", ("", "", "", "")),
+        ("E", ("E", "", "", "")),
+        ("E | F[x]", ("E | F", "x", "", "")),
+        ("[x[2] > 0] {y = 1;}", ("", "x[2] > 0", "y = 1;", "")),
+        ("{a = 1;}/{b = 2;}", ("", "", "a = 1;", "b = 2;")),
+        ("/b = 2; send(E, S)", ("", "", "", "b = 2; send(E, S)")),
+        ("after(a/b, sec)[~c]/{d;}", ("after(a/b, sec)", "~c", "", "d;")),
+        ("E % why\n[x > 0] % when\n{y = '}';}", ("E", "x > 0", "y = '}';", "")),
+    ],
+)
+def test_labels_of_transitions_are_taken_apart(text, parts):
+    found = transition_label(text)
+    assert (found.event, found.condition, found.condition_action, found.action) == parts
+    assert not found.fault
+
+
+@pytest.mark.parametrize(
+    ("text", "told"), [("[x", "[ is never closed"), ("[x] y = 1", "'y = 1' does not belong"), ("[x][y]", "two parts")]
+)
+def test_labels_that_cannot_be_read_say_why(text, told):
+    assert told in transition_label(text).fault
+
+
+def test_comments_in_quotes_stay():
+    assert without_comments("a = 'x // y'; % z", "MATLAB") == "a = 'x // y';  "
+    assert without_comments("b = a'; % it's\nc = 1;", "MATLAB") == "b = a';  \nc = 1;"
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("a + b*c", "a + b*c"),
+        ("!a || b && ~c", "~a || (b && ~c)"),
+        ("a | b & c", "a || (b && c)"),
+        ("x[0] - m[i][2]", "x(1) - m(i+1, 3)"),
+        ("-2^2", "-2^2"),
+        ("2^-1 * 3", "(2^-1)*3"),
+        ("a %% 3 + 1", "rem(a, 3) + 1"),
+        ("a != b", "a ~= b"),
+        ("a <> b", "a ~= b"),
+        ("0x1F + 2.5e-1f + .5", "31 + 0.25 + 0.5"),
+        ("max(a, min(b, 3)) >= fabs(c)", "max(a, min(b, 3)) >= fabs(c)"),
+        ("S.T.x > 1", "S.T.x > 1"),
+        ("a\n + b", "a + b"),
+    ],
+)
+def test_expressions_of_c_are_those_of_matlab(text, same):
+    assert _bare(c_expression(text)) == _bare(parse_expression(same))
+
+
+def _bare(tree):
+    return repr(tree)
+
+
+def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
+    found = c_statements("x = 1, y += 2; z++\n--w; E; f(1,\n 2)\nv = 3\n + 4;")
+    x, y, z, w, v = (m.Name(name) for name in "xyzwv")
+    one, two = m.Number(1.0), m.Number(2.0)
+    assert found == (
+        m.Assign((x,), one), m.Assign((y,), m.Binary("+", y, two)), m.Assign((z,), m.Binary("+", z, one)),
+        m.Assign((w,), m.Binary("-", w, one)), m.Evaluate(m.Name("E")), m.Evaluate(m.Call(m.Name("f"), (one, two))),
+        m.Assign((v,), m.Binary("+", m.Number(3.0), m.Number(4.0))),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("y = ", "'the end' cannot be read"),
+        ("y = a b", "'b' does not belong"),
+        ("y = a << 2", "on bits"),
+        ("y = z = 1", "several variables at once"),
+        ("3 = y", "nothing can be assigned"),
+        ("y = " + "(" * 80 + "1" + ")" * 80, "nested more than"),
+        ("y = ml.sin(2)", "calls ml"),
+        ("y = $x$", "cannot be read"),
+    ],
+)
+def test_statements_that_are_no_c_say_why(text, told):
+    with pytest.raises(CError, match=None) as caught:
+        c_statements(text)
+    assert told in str(caught.value)
+
+
+def test_matlab_in_charts_knows_how_to_count():
+    found = Language("MATLAB").statements("x++; y(2) -= 3*z\nw *= 2;", "A")
+    plain = Language("MATLAB").statements("x = x + 1; y(2) = y(2) - (3*z);\nw = w * (2);", "A")
+    assert found == plain
