@@ -4,13 +4,14 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.graph import CLOCK
+from kennfeld.matlab.syntax import FunctionDefinition
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.declared import Declared
@@ -83,6 +84,7 @@ class Weaver:
         self.stores = Stores(flat.atoms)
         self._stored: dict[Atom, Signal] = {}
         self.inputs: dict[str, Atom | None] = {}
+        self.functions: Callable[[str], Mapping[str, FunctionDefinition]] = lambda name: {}
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
         self._begun: set[Atom] = set()

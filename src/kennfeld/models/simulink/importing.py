@@ -16,6 +16,7 @@ from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.blocktypes.registry import KINDS
 from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -78,7 +79,7 @@ def import_simulink(
     step: float | None = None,
 ) -> Imported:
     """As `simulink`, with a report of what became of every block, also where the model is not whole."""
-    path = Path(path)
+    path, parameters, folders = Path(path), tuple(parameters), tuple(folders)
     resolved = Libraries(folders).resolve(read_document(path))
     document = resolved.document
     variables = variables_of(document, parameters)
@@ -90,7 +91,8 @@ def import_simulink(
     except OverflowError as error:
         raise InputError.of(path.name, str(error)) from None
     remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
-    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks, step)
+    files = _function_files(path, parameters, folders)
+    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks, step, files)
     return work.imported()
 
 
@@ -137,8 +139,9 @@ class _Import:
         variables: Variables,
         remarks: list[str],
         step: float | None,
+        files: FunctionFiles,
     ) -> None:
-        self.path, self.document, self.flat = path, document, flat
+        self.path, self.document, self.flat, self.files = path, document, flat, files
         self.cuts, self.promote, self.variables = cuts, promote, variables
         self.remarks = remarks
         self.substitutions: list[str] = []
@@ -234,7 +237,9 @@ class _Import:
             raise InputError.of(self.path.name, "it has no outport, so that nothing is computed", "Import a subsystem.")
 
         def make(guesses: Guesses) -> Weaver:
-            return Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+            made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+            made.functions = self.files.find
+            return made
 
         return settled(make, goals)
 
@@ -295,6 +300,12 @@ class _Import:
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
         )
+
+
+def _function_files(path: Path, given: Iterable[Given], folders: Iterable[str | Path]) -> FunctionFiles:
+    """Where the functions that code calls are looked for."""
+    named = [Path(one) for one in given if isinstance(one, str | Path)]
+    return FunctionFiles([path.parent, *map(Path, folders)], named)
 
 
 def _block_of(key: str) -> str:

@@ -12,6 +12,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
+from kennfeld.models.simulink.code.errors import EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memory, Scout, begun, declares, memories
 from kennfeld.models.simulink.code.values import Held, Unclear, field_of
@@ -22,6 +23,7 @@ __all__ = ["desk_of"]
 
 _MEND: Final = "Draw it as blocks, or bind its outputs."
 _GIVE: Final = "Give it among the parameters: a script, a .mat, .sldd or calibration file."
+_BLOCK: Final = "the function of the block"
 _PARAMETER: Final = "PARAMETER_DATA"
 
 
@@ -32,6 +34,8 @@ def matlab_function(site: Site) -> tuple[Wired, ...]:
         return _outputs(site)
     except CodeError as error:
         raise UnsupportedError(str(error), error.mend) from None
+    except EndedError:
+        raise UnsupportedError("its code ends in an error in every case", _MEND) from None
     except RecursionError:
         raise UnsupportedError("its code is nested too deeply", _MEND) from None
 
@@ -78,6 +82,7 @@ def desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
         workspace=partial(parameter, expressions, scope),
         number=partial(parameter_number, expressions),
         functions=dict(functions),
+        find=site.weaver.functions,
         frozen=frozen,
     )
 
@@ -147,7 +152,7 @@ class _Call:
 
     def _run(self, body: Body) -> tuple[Held, ...]:
         self.desk.statements = 0
-        return body.call(self.function, self.given, len(self.function.results))
+        return body.call(self.function, self.given, len(self.function.results), _BLOCK)
 
     def _scouted(self) -> dict[Key, Memory]:
         """What the first call makes of persistent variables."""

@@ -15,10 +15,11 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.calls import Calls
 from kennfeld.models.simulink.code.conditions import either, known, negated
 from kennfeld.models.simulink.code.desk import MOST_PASSES, Desk
-from kennfeld.models.simulink.code.errors import CodeError
+from kennfeld.models.simulink.code.errors import CodeError, EndedError
 from kennfeld.models.simulink.code.indexing import assigned
 from kennfeld.models.simulink.code.joining import State, joined
 from kennfeld.models.simulink.code.limits import most_of
+from kennfeld.models.simulink.code.masks import chooses, chosen_elements
 from kennfeld.models.simulink.code.values import (
     EMPTY,
     Cells,
@@ -37,8 +38,10 @@ __all__ = ["Body", "Frame"]
 
 Begin = Callable[[int], int | None]
 _PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
-_SILENT = frozenset({"disp", "fprintf", "warning", "error", "assert", "printf", "display", "tic", "figure", "plot"})
-_IGNORED = frozenset({"clc", "close", "format", "hold", "more", "clear", "warning", "figure"})
+_SILENT = frozenset(
+    {"disp", "fprintf", "warning", "assert", "printf", "display", "tic", "toc", "figure", "plot", "drawnow", "pause"}
+    | {"narginchk", "nargoutchk", "validateattributes", "keyboard", "beep", "clc", "close", "clear", "format", "hold"}
+)
 
 
 @dataclass(eq=False)
@@ -49,6 +52,7 @@ class Frame:
     given: int = 0
     wanted: int = 1
     persistent: list[str] = field(default_factory=list)
+    functions: Mapping[str, m.FunctionDefinition] = field(default_factory=dict)
 
 
 class Body:
@@ -61,7 +65,7 @@ class Body:
     def __init__(self, desk: Desk, names: Mapping[str, Held] | None = None, frame: Frame | None = None) -> None:
         self.desk, self.loom = desk, desk.loom
         self.state = State(dict(names or {}))
-        self.frame = frame or Frame()
+        self.frame = frame or Frame(functions=desk.functions)
         self.calls = Calls(self)
         self.watch: Callable[[m.If, State, int], None] | None = (
             None  # told of each `if`, and how often it asked isempty
@@ -102,7 +106,7 @@ class Body:
     def _statement(self, statement: m.Statement) -> None:
         match statement:
             case m.Assign((target,), value):
-                self.assign(target, self.value(value))
+                self._assign(target, value)
             case m.Assign(targets, value):
                 self._assign_several(targets, value)
             case m.If(branches, otherwise):
@@ -119,7 +123,9 @@ class Body:
                 self._declare(kind, names)
             case m.Evaluate(expression):
                 self._evaluate(expression)
-            case m.Command(name, _) if name in _IGNORED or name in _SILENT:
+            case m.Command("error", _):
+                raise EndedError
+            case m.Command(name, _) if name in _SILENT or name.startswith("coder."):
                 return
             case _:
                 raise CodeError(f"a statement that is not supported ({type(statement).__name__.lower()})")
@@ -127,6 +133,8 @@ class Body:
     def _evaluate(self, expression: m.Expression) -> None:
         """An expression alone: a call for what it does; what is only told is passed over."""
         name = _called(expression)
+        if name == "error":
+            raise EndedError
         if name in _SILENT or (name or "").startswith("coder."):
             return
         if isinstance(expression, m.Call) and isinstance(expression.of, m.Name):
@@ -210,6 +218,13 @@ class Body:
             whole = self.read(name) if old is not None and not self._undefined(old) else None
             self.names[name] = assigned(self.calls, whole, target, value)
 
+    def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
+        if target is not None and chooses(self.calls, target, tree):
+            assert isinstance(target, m.Call)
+            self.names[_base(target)] = chosen_elements(self.calls, target, tree)
+        else:
+            self.assign(target, self.value(tree))
+
     def _undefined(self, held: Held) -> bool:
         return isinstance(held, Partial) and not known(self.loom, self.state.facts, held.defined)
 
@@ -233,11 +248,27 @@ class Body:
             (yes if fixed else no)()
             return
         before = self.state
-        self.state = before.under(self.loom, condition, True)
-        yes()
-        one, self.state = self.state, before.under(self.loom, condition, False)
-        no()
-        self.state = joined(self.loom, condition, one, self.state, before)
+        one, other = (self._side(condition, holds, side) for holds, side in ((True, yes), (False, no)))
+        if one is None and other is None:
+            raise EndedError
+        if one is None or other is None:
+            self.state = one or other or before
+        else:
+            self.state = joined(self.loom, condition, one, other, before)
+
+    def _side(self, condition: int, holds: bool, make: Callable[[], None]) -> State | None:
+        """What one side of a decision leaves; None where it ends in an error."""
+        before, frame, depth, ends = self.state, self.frame, len(self.desk.calling), len(self.calls.ends)
+        self.state = before.under(self.loom, condition, holds)
+        try:
+            make()
+            made = self.state
+        except EndedError:
+            made = None
+            del self.desk.calling[depth:], self.calls.ends[ends:]
+            self.frame = frame
+        self.state = before
+        return made
 
     def _if(self, whole: m.If, branches: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
         first, rest, before = branches[0], branches[1:], self.state
@@ -278,22 +309,34 @@ class Body:
     def _repeat(self, begin: Begin, body: Sequence[m.Statement]) -> None:
         """Passes of a loop one within the other; `begin` gives the condition of a pass, None after the last one."""
         outside: list[tuple[int, State]] = []
-        for number in count():
-            self.desk.step()
-            condition = begin(number)
-            if condition is None or not self._enter(condition, outside):
-                break
-            self.run(body)
-            self.state.jumps.pop("continue", None)
-            going = self._going()
-            if going is not None and not self._enter(going, outside):
-                break
-            if going is not None:
-                self.state.jumps.clear()
+        try:
+            for number in count():
+                if not self._pass(begin, number, body, outside):
+                    break
+        except EndedError:  # the last pass that was entered by a decision is never taken
+            if not outside:
+                raise
+            condition, before = outside.pop()
+            self.state = before.under(self.loom, condition, False)
         for condition, before in reversed(outside):
             no = before.under(self.loom, condition, False)
             self.state = joined(self.loom, condition, self.state, no, before)
         self.state.jumps.pop("break", None)
+
+    def _pass(self, begin: Begin, number: int, body: Sequence[m.Statement], outside: list[tuple[int, State]]) -> bool:
+        """One pass; false where it was the last one."""
+        self.desk.step()
+        condition = begin(number)
+        if condition is None or not self._enter(condition, outside):
+            return False
+        self.run(body)
+        self.state.jumps.pop("continue", None)
+        going = self._going()
+        if going is not None and not self._enter(going, outside):
+            return False
+        if going is not None:
+            self.state.jumps.clear()
+        return True
 
     def _enter(self, condition: int, outside: list[tuple[int, State]]) -> bool:
         """Go on where a condition holds; false where it never does."""
@@ -397,15 +440,15 @@ class Body:
         self, function: m.FunctionDefinition, arguments: Sequence[Held], wanted: int = 1, frame: str = ""
     ) -> tuple[Held, ...]:
         """Run a function with its own variables and give its results; those without a value are left out."""
-        name = frame or function.name
-        if name in self.desk.calling:
-            raise CodeError(f"{name} calls itself, which is not supported", "Write it as a loop.")
+        name = frame or f"{function.name} {id(function)}"
+        if any(function is one for one in self.desk.calling):
+            raise CodeError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
         if len(arguments) > len(function.parameters) and "varargin" not in function.parameters[-1:]:
-            raise CodeError(f"{name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
+            raise CodeError(f"{function.name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
         outer, around = self.state, self.frame
-        self.frame = Frame(name, len(arguments), wanted)
+        self.frame = Frame(name, len(arguments), wanted, [], self.desk.beside(function))
         self.state = State(_given(function, arguments), outer.kept, {}, outer.facts)
-        self.desk.calling.append(name)
+        self.desk.calling.append(function)
         self.run(function.body)
         self.desk.calling.pop()
         self._keep()

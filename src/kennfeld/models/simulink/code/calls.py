@@ -58,6 +58,7 @@ class Calls:
 
     def __init__(self, body: "Body") -> None:
         self.body, self.desk, self.loom = body, body.desk, body.loom
+        self.mask: Nodes | None = None  # elements that it chooses stand for all elements, where that is the same
         self.ends: list[tuple[Nodes, int, int]] = []  # the arrays that `end` may belong to, with place and count
 
     def value(self, tree: m.Expression) -> Held:
@@ -267,7 +268,7 @@ class Calls:
         own = self._own(name, arguments)
         if own is not None:
             return own
-        if self.desk.function(name) is not None or name in LIBRARY:
+        if self._function(name) is not None or name in LIBRARY:
             return self.named(name, self.given(arguments), wanted)
         parameter = self.desk.workspace(name)
         if parameter is not None:
@@ -275,9 +276,12 @@ class Calls:
         found = self.desk.unknown(self.body, name, tuple(arguments), wanted)
         return found if found is not None else self.named(name, self.given(arguments), wanted)
 
+    def _function(self, name: str) -> m.FunctionDefinition | None:
+        return self.desk.function(name, self.body.frame.functions)
+
     def named(self, name: str, arguments: Sequence[Held], wanted: int) -> tuple[Held, ...]:
         """The results of a function of the code, beside it, or of the library; of others where all is fixed."""
-        function = self.desk.function(name)
+        function = self._function(name)
         if function is not None:
             return self.body.call(function, arguments, wanted)
         if name in LIBRARY:

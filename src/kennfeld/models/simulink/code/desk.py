@@ -51,11 +51,12 @@ class Desk:
     unknown: Hook = _nothing
     tables: Tables = lambda values, axes, places: None
     frozen: Callable[[str], None] = lambda name: None
-    calling: list[str] = field(default_factory=list)
+    calling: list[m.FunctionDefinition] = field(default_factory=list)
     statements: int = 0
     begun: int = -1
     _numbers: dict[int, float | None] = field(default_factory=dict)
     _sought: dict[str, m.FunctionDefinition | None] = field(default_factory=dict)
+    _beside: dict[int, Mapping[str, m.FunctionDefinition]] = field(default_factory=dict)
 
     def step(self) -> None:
         """One more statement; raises `CodeError` where there are too many, or too many nodes."""
@@ -72,16 +73,19 @@ class Desk:
         if not count <= MOST_NODES:
             raise CodeError(f"it asks for an array of {count:g} elements", _SHORTER)
 
-    def function(self, name: str) -> m.FunctionDefinition | None:
-        """A function of the code itself, or one that is found beside it."""
-        if name in self.functions:
-            return self.functions[name]
+    def function(self, name: str, beside: Mapping[str, m.FunctionDefinition]) -> m.FunctionDefinition | None:
+        """A function that stands beside the one that calls it, or one of a file of its own."""
+        if name in beside:
+            return beside[name]
         if name not in self._sought:
             found = self.find(name)
             self._sought[name] = found.get(name)
-            for key, one in found.items():
-                self.functions.setdefault(key, one)
+            self._beside |= dict.fromkeys(map(id, found.values()), found)
         return self._sought[name]
+
+    def beside(self, function: m.FunctionDefinition) -> Mapping[str, m.FunctionDefinition]:
+        """The functions of the same text."""
+        return self._beside.get(id(function), self.functions)
 
     def constant(self, node: int) -> float | None:
         """The number of a node that depends on no signal, its parameters at their values; else None."""

@@ -1,6 +1,6 @@
 """What is raised where code goes further than a graph can follow."""
 
-__all__ = ["MEND", "CodeError"]
+__all__ = ["MEND", "CodeError", "EndedError"]
 
 MEND = "Draw it as blocks, or bind its outputs."
 
@@ -14,3 +14,7 @@ class CodeError(Exception):
 
     def __str__(self) -> str:
         return f"its code in line {self.line}: {self.what}" if self.line else f"its code: {self.what}"
+
+
+class EndedError(Exception):
+    """A path on which the code calls `error`: no step of a model takes it."""

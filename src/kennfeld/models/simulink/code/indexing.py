@@ -59,8 +59,19 @@ def indexed(calls: "Calls", held: Held, trees: Sequence[m.Expression], what: str
     array = array_of(held, what)
     if not trees:
         return array
-    made = _elements(calls, array, calls.arguments(array, trees), what)
+    places = calls.arguments(array, trees)
+    if _is_mask(calls, array, places):
+        return array
+    made = _elements(calls, array, places, what)
     return truths(made) if isinstance(array, Truths) else made
+
+
+def _is_mask(calls: "Calls", array: Nodes, places: list[Held]) -> bool:
+    """Whether elements are chosen by the mask of the statement, so that all of them may stand for those."""
+    mask = calls.mask
+    if mask is None or len(places) != 1 or array.shape != mask.shape:
+        return False
+    return isinstance(places[0], Truths) and np.array_equal(places[0], mask)
 
 
 def _is_one(calls: "Calls", tree: m.Expression) -> bool:
@@ -83,6 +94,8 @@ def _elements(calls: "Calls", array: Nodes, places: list[Held], what: str, fixed
             parts = np.moveaxis(whole, axis, 0)
             picked = [_picked(calls, parts, int(node)) for node in chosen.ravel(order="F")]
             whole = np.moveaxis(np.stack(picked), 0, axis)
+    while whole.ndim > 2 and whole.shape[-1] == 1:
+        whole = whole[..., 0]
     return whole
 
 
@@ -261,9 +274,20 @@ def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Node
         made = [_whole(one, at, new, axis) for axis, (one, at) in enumerate(zip(places, made, strict=True))]
     if all(chosen is None for chosen, _ in made):
         return _fixed(calls, old, [at for _, at in made], new)
-    if new.size != 1:
-        raise CodeError("several elements are assigned to places that depend on signals", _MASK)
-    return _chosen(calls, old, made, int(new.item()))
+    sizes = [chosen.size if chosen is not None else len(at) for chosen, at in made]
+    if new.size not in (1, int(np.prod(sizes))):
+        raise CodeError(f"{new.size} elements are assigned to {int(np.prod(sizes))} places")
+    calls.desk.room(float(old.size) * float(np.prod(sizes)))
+    values = np.broadcast_to(new.reshape(()), sizes) if new.size == 1 else new.reshape(sizes, order="F")
+    for which in np.ndindex(*sizes):
+        places_of_one = [_single(place, at) for place, at in zip(made, which, strict=True)]
+        old = _chosen(calls, old, places_of_one, int(values[which]))
+    return old
+
+
+def _single(place: Place, at: int) -> Place:
+    chosen, fixed = place
+    return (None, [fixed[at]]) if chosen is None else (chosen.ravel(order="F")[at : at + 1], [0])
 
 
 def _whole(place: Held, found: Place, new: Nodes, axis: int) -> Place:
@@ -321,8 +345,6 @@ def _grown(calls: "Calls", old: Nodes, places: list[list[int]]) -> Nodes:
 
 def _chosen(calls: "Calls", old: Nodes, places: list[Place], new: int) -> Nodes:
     """One element at a place that depends on signals: each element is the new one where the place is its own."""
-    if any((chosen.size if chosen is not None else len(at)) != 1 for chosen, at in places):
-        raise CodeError("several elements are assigned to places that depend on signals", _MASK)
     loom = calls.loom
     shape, whole = old.shape, old.ravel(order="F") if len(places) == 1 else _folded(old, len(places))
     calls.desk.room(whole.size)

@@ -105,6 +105,8 @@ def constants(loom: Builder, numbers: object) -> Nodes:
 def array_of(held: Held, what: str = "it") -> Nodes:
     """A value as an array of nodes; raises `CodeError` where it is none."""
     if isinstance(held, np.ndarray):
+        while held.ndim > 2 and held.shape[-1] == 1:
+            held = held[..., 0]
         return held
     if isinstance(held, Unclear):
         raise CodeError(held.why, held.mend)

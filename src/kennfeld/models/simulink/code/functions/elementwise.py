@@ -105,6 +105,20 @@ def _inverse(op: str) -> Rule:
     return rule
 
 
+def _turned(loom: Loom, x: Nodes, turn: float) -> Nodes:
+    """An angle from 0 to a whole turn; positive multiples of a turn stay one."""
+    made = each(loom, "mod", x, _number(loom, turn))
+    zero = _number(loom, 0.0)
+    whole = each(loom, "and", each(loom, "eq", made, zero), each(loom, "gt", x, zero))
+    return each(loom, "select", whole, _number(loom, turn), made)
+
+
+def _wrapped(loom: Loom, x: Nodes, half: float) -> Nodes:
+    """An angle within half a turn to both sides; those that are stay as they are."""
+    made = _minus(loom, _turned(loom, each(loom, "add", x, _number(loom, half)), 2 * half), _number(loom, half))
+    return each(loom, "select", each(loom, "gt", each(loom, "abs", x), _number(loom, half)), made, x)
+
+
 _ONE: Final[dict[str, Rule]] = {
     "fix": towards_zero,
     "log2": lambda loom, x: _over(loom, each(loom, "log", x), _number(loom, math.log(2.0))),
@@ -124,6 +138,10 @@ _ONE: Final[dict[str, Rule]] = {
     "atand": lambda loom, x: _over(loom, each(loom, "atan", x), _number(loom, _DEGREES)),
     "deg2rad": lambda loom, x: _times(loom, x, _number(loom, _DEGREES)),
     "rad2deg": lambda loom, x: _over(loom, x, _number(loom, _DEGREES)),
+    "wrapToPi": lambda loom, x: _wrapped(loom, x, math.pi),
+    "wrapTo180": lambda loom, x: _wrapped(loom, x, 180.0),
+    "wrapTo2Pi": lambda loom, x: _turned(loom, x, 2 * math.pi),
+    "wrapTo360": lambda loom, x: _turned(loom, x, 360.0),
     "uminus": lambda loom, x: each(loom, "neg", x),
     "uplus": lambda loom, x: x,
 }
@@ -198,6 +216,9 @@ def several(given: Given) -> Held:
 def negation(given: Given) -> Held:
     """Whether elements are 0."""
     return truths(each(given.calls.loom, "not", given.array(0)))
+
+
+EACH_ALONE: Final = frozenset({*_PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "min", "max", "not", "logical"})
 
 
 @function("idivide", least=2, most=3)

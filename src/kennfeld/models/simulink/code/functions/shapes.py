@@ -263,6 +263,19 @@ def kronecker(given: Given) -> Held:
     return np.concatenate(rows, axis=0)
 
 
+@function("blkdiag", least=1, most=50)
+def blocks(given: Given) -> Held:
+    """Matrices along the diagonal of a larger one."""
+    arrays = [np.asarray(one) for one in given.arrays]
+    shape = [sum(one.shape[axis] for one in arrays) for axis in (0, 1)]
+    given.calls.desk.room(float(np.prod(shape)))
+    made, row, column = np.full(shape, given.calls.loom.const(0.0), dtype=np.int64), 0, 0
+    for one in arrays:
+        made[row : row + one.shape[0], column : column + one.shape[1]] = one
+        row, column = row + one.shape[0], column + one.shape[1]
+    return made
+
+
 @function("cell", least=0, most=3)
 def cells(given: Given) -> Held:
     """Empty cells."""
