@@ -40,6 +40,7 @@ class Block:
     signals: dict[int, str] = field(default_factory=dict)
     script: str = ""
     chart: "Chart | None" = None
+    lists: dict[str, list[str]] = field(default_factory=dict)
 
     def counted(self):
         """The ports by kind: as given, else those of the system within."""
@@ -85,12 +86,17 @@ class System:
         self.blocks = []
         self.wires = []
 
-    def block(self, kind, name, *, ports=None, mask=None, instance=None, signals=None, **parameters):
-        """A block; `ports` is (inputs, outputs) or a dictionary by kind, left to the type where it is None."""
+    def block(self, kind, name, *, ports=None, mask=None, instance=None, signals=None, lists=None, **parameters):
+        """A block; `ports` is (inputs, outputs) or a dictionary by kind, left to the type where it is None.
+
+        `lists` are parameters that are lists of texts.
+        """
         if isinstance(ports, tuple):
             ports = dict(zip(("in", "out"), ports, strict=True))
         written = {key: str(value) for key, value in parameters.items()}
-        made = Block(kind, name, self.model.number(), written, ports, mask, instance, signals=signals or {})
+        made = Block(
+            kind, name, self.model.number(), written, ports, mask, instance, signals=signals or {}, lists=lists or {}
+        )
         self.blocks.append(made)
         return made
 
@@ -309,6 +315,9 @@ def _block_xml(block, parts, separate):
     elif counts is not None:
         inside.append(_p("Ports", _vector(counts)))
     inside += [_p(*pair) for pair in block.parameters.items()]
+    for key, texts in block.lists.items():
+        cells = "".join(f'<Cell Class="char">{escape(text)}</Cell>' for text in texts)
+        inside.append(f'<Array PropName={quoteattr(key)} Type="Cell" Dimension="1*{len(texts)}">{cells}</Array>')
     if block.mask is not None:
         inside.append(_mask_xml(block.mask))
     if block.instance is not None:
@@ -485,6 +494,9 @@ def _block_braces(block, sids):
     if counts is not None:
         content.append(f"Ports {_vector(counts)}")
     content += [_key(*pair) for pair in (block.parameters | (block.instance or {})).items()]
+    for key, texts in block.lists.items():
+        cells = [_key("Cell", text) for text in texts]
+        content.append(_braces("Array", 'Type "Cell"', f"Dimension {len(texts)}", *cells, _key("PropName", key)))
     if block.mask is not None:
         content.append(_mask_braces(block.mask))
     content += [_braces("Port", f"PortNumber {at}", _key("Name", name)) for at, name in block.signals.items()]

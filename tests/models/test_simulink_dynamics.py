@@ -311,6 +311,20 @@ def test_transfer_functions_are_those_of_scipy(b, a, tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
+def test_a_lag_with_a_parameter_in_front_closes_a_loop(tmp_path):
+    drawn = Model(solver="ode5", step="0.02")
+    drawn.inport("u")
+    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
+    drawn.block("TransferFcn", "F", ports=(1, 1), Numerator="[3]", Denominator="[T 1]")
+    drawn.outport("y")
+    drawn.line("u", "S:1")
+    drawn.chain("S", "F")
+    drawn.line("F", "y", "S:2")
+    t = 0.02 * np.arange(200)
+    found = run(imported(drawn, tmp_path, parameters=[{"T": 0.5}]), {"u": np.ones(200)})["y"]
+    np.testing.assert_allclose(found, 0.75 * (1 - np.exp(-8 * t)), atol=1e-7)
+
+
 def test_a_state_space_model_is_that_of_scipy(tmp_path):
     drawn = alone("StateSpace", A="[0 1; -2 -0.5]", B="[0; 1]", C="[1 0.5]", D="0.2", X0="[1; 0]",
                   model=Model(solver="ode5", step="0.02"))  # fmt: skip
@@ -421,9 +435,11 @@ def test_an_enabled_subsystem_runs_where_its_control_is_above_0(states, output, 
 def test_a_triggered_subsystem_runs_at_the_edges_of_its_control(kind, tmp_path):
     drawn = conditional("TriggerPort", TriggerType=kind)
     found = run(imported(drawn, tmp_path), {"u": U, "c": C})["y"]
-    y, z = -1.0, 0.0
+    y, z, last = -1.0, 0.0, np.sign(C[0])
     for k, u in enumerate(U):
-        rising, falling = (k > 0 and C[k - 1] <= 0 < C[k]), (k > 0 and C[k - 1] >= 0 > C[k])
+        rising = k > 0 and C[k - 1] <= 0 < C[k]
+        falling = k > 0 and (C[k] <= 0 < C[k - 1] or (C[k - 1] == 0 > C[k] and last <= 0))
+        last = C[k] or last
         if {"rising": rising, "falling": falling, "either": rising or falling}[kind]:
             y = z = z + u
         assert found[k] == pytest.approx(y, abs=1e-13), k

@@ -4,6 +4,7 @@ Sizes and sample times of memories that are fed back are not known when they are
 graph is built again with what was found until nothing changes.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -16,12 +17,12 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
-from kennfeld.models.simulink.flatten import Atom, Flat, Source
+from kennfeld.models.simulink.flatten import Atom, Flat, Source, controls, resets
 from kennfeld.models.simulink.integration import Integrated, advance
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, OpenBus, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, resized
 from kennfeld.models.simulink.stores import Stores
 from kennfeld.models.simulink.tree import split
@@ -33,11 +34,12 @@ _MOST_PASSES = 500
 
 
 class Failure(NamedTuple):
-    """Why a block could not be built, and what would unblock it."""
+    """Why a block could not be built, what would unblock it, and the variable that has no value, if that is why."""
 
     atom: Atom
     why: str
     mend: str = ""
+    undefined: str = ""
 
 
 @dataclass
@@ -103,7 +105,7 @@ class Weaver:
             try:
                 complete()
             except UnsupportedError as unsupported:
-                self._fail(atom, unsupported.what, unsupported.mend)
+                self._fail(atom, *unsupported.parts)
             except UNFIT as error:
                 self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
 
@@ -149,7 +151,7 @@ class Weaver:
             wanted = every if kind is None or kind.needs is None else kind.needs(site)
             sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
         except UnsupportedError as unsupported:
-            self._fail(atom, unsupported.what, unsupported.mend)
+            self._fail(atom, *unsupported.parts)
             return []
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
@@ -193,11 +195,12 @@ class Weaver:
             self._pending.append((atom, lambda: None))  # what stands before it is looked at all the same
             return self._unsound(atom)
         if any(not wired.sound for wired in self._arriving(atom)):
+            self._look_for_values(atom, kind)
             return self._unsound(atom)
         try:
             made = kind.rule(self.site(atom))
         except UnsupportedError as unsupported:
-            self._fail(atom, unsupported.what, unsupported.mend)
+            self._fail(atom, *unsupported.parts)
             return self._unsound(atom)
         except UNFIT as error:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
@@ -205,11 +208,21 @@ class Weaver:
         outputs = made if isinstance(made, tuple) else (made,)
         return tuple(self._sampled(atom, wired) for wired in outputs)
 
+    def _look_for_values(self, atom: Atom, kind: Kind) -> None:
+        """Note a variable without a value behind a block that stops: all of them are told at once."""
+        try:
+            kind.rule(self.site(atom))
+        except UnsupportedError as unsupported:
+            if unsupported.undefined:
+                self._fail(atom, *unsupported.parts)
+        except UNFIT:
+            return
+
     def _arriving(self, atom: Atom) -> list[Wired]:
         return [self.value(s) for s in atom.inputs if s is not None and s.atom in self._values]
 
-    def _fail(self, atom: Atom, what: str, mend: str = "") -> None:
-        self.failures.setdefault(atom, Failure(atom, what, mend))
+    def _fail(self, atom: Atom, what: str, mend: str = "", undefined: str = "") -> None:
+        self.failures.setdefault(atom, Failure(atom, what, mend, undefined))
 
     def unsettled(self, atom: Atom) -> None:
         """Note that sizes and sample times in feedback do not come to an end."""
@@ -230,6 +243,14 @@ class Weaver:
         self.inputs[name] = atom
         return name
 
+    def opened(self, atom: Atom) -> OpenBus:
+        """The bus that a port takes; each of its signals that is used becomes an input."""
+        return OpenBus(name=self.input_name(atom), node=self._member)
+
+    def _member(self, name: str) -> int:
+        self.inputs.setdefault(name, None)
+        return self.loom.input(name)
+
     def missing(self, atom: Atom, number: int) -> Signal:
         """The signal of an output that is not bound though another of the block is."""
         self._fail(atom, f"its output {number} is not bound", f'Bind it as well: "{atom.path}:{number}".')
@@ -249,7 +270,7 @@ class Weaver:
         try:
             return stated_rate(atom, self.expressions, self.kind(atom))
         except NoValueError as error:
-            self._fail(atom, f"its sample time has no value: {error}")
+            self._fail(atom, f"its sample time has no value: {error}", "", error.undefined)
             return None
 
     def stated_period(self, atom: Atom) -> float | None:
@@ -301,13 +322,22 @@ class Weaver:
     # memory
 
     def _resets(self, atom: Atom) -> bool:
-        return atom.control is not None and resets(atom.control)
+        """Whether the memory of a block begins anew with a subsystem around it."""
+        return any(resets(control) or "reset" in control.special for control in controls(atom))
 
     def active(self, atom: Atom) -> int | None:
         """The node that says whether a block runs; None where it always does."""
         if atom.control is None:
             return None
         found = self.value(Source(atom.control, 0))
+        node = int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
+        return None if node is None or self.loom.value(node) == 1 else node
+
+    def restart(self, atom: Atom) -> int | None:
+        """The node that says whether the memory of a block begins anew; None where it never does."""
+        if atom.control is None or not self._resets(atom):
+            return None
+        found = self.value(Source(atom.control, 1))
         return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
 
     def gate(self, atom: Atom, period: float) -> int | None:
@@ -329,6 +359,8 @@ class Weaver:
     def signal(self, source: Source) -> Signal:
         """The signal of a block's output, which is no bus."""
         found = self.value(source)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             raise UnsupportedError(f"the output of {source.atom.path} is a bus")
         return found
@@ -424,11 +456,11 @@ class Weaver:
 
     def _restarted(self, atom: Atom, read: Signal, first: Nodes) -> Signal:
         """A memory that begins anew when the subsystem around it is enabled again."""
-        if atom.control is None or not self._resets(atom):
+        begins = self.restart(atom)
+        if begins is None:
             return read
-        begins = self.value(Source(atom.control, 1))
-        assert isinstance(begins, Signal)
-        return replace(read, nodes=each(self.loom, "select", begins.nodes, first, read.nodes))
+        runs = np.array([begins], dtype=np.int64)
+        return replace(read, nodes=each(self.loom, "select", runs, first, read.nodes))
 
     def _close(
         self,
@@ -444,7 +476,7 @@ class Weaver:
             if all(wired.sound for wired in self._arriving(site.atom)):
                 new = self.at_major(then(seen))
         except UnsupportedError as unsupported:
-            self._fail(site.atom, unsupported.what, unsupported.mend)
+            self._fail(site.atom, *unsupported.parts)
         self.guesses.period(site.atom, self._inherited(site))
         if new.shape != seen.shape:
             if new.size == 1:
@@ -503,7 +535,7 @@ class Weaver:
             if all(wired.sound for wired in self._arriving(site.atom)):
                 rates = slope(seen)
         except UnsupportedError as unsupported:
-            self._fail(site.atom, unsupported.what, unsupported.mend)
+            self._fail(site.atom, *unsupported.parts)
         if rates.size > 1 and rates.shape != seen.shape:
             self.guesses.shape(key, rates.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
@@ -522,12 +554,11 @@ def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
         return f"it is {atom.why}", ""
-    elsewhere = (atom.block.value("ReferencedSubsystem") or "").strip()
+    elsewhere = atom.block.elsewhere
     if elsewhere and atom.block.system is None:
-        return (
-            f"its content is in the file {elsewhere}, which is not followed",
-            "Put the content in its place, or bind it.",
-        )
+        stem = re.sub(r"\.(slx|mdl)\Z", "", elsewhere)
+        what = f"its content is in the file {elsewhere}, which was not found or does not fit"
+        return what, f"Put {stem}.slx beside the model, or bind it."
     if atom.block.type == "ModelReference":
         return (
             f"it runs the model {atom.block.model}, which was not found",
@@ -536,21 +567,8 @@ def unknown(atom: Atom) -> tuple[str, str]:
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]
-        return f"it is a link to {link.source}, which was not found", f"Put {library}.slx beside the model, or bind it."
+        return f"it is a link into the library {library}, which was not found", f"Put {library}.slx beside the model."
     return f"blocks of type {atom.kind} are not supported", ""
-
-
-def resets(control: Atom) -> bool:
-    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
-    for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
-        if port in control.special and (control.special[port].value(key) or "held") == "reset":
-            return True
-    trigger = control.special.get("trigger")
-    return (
-        trigger is not None
-        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
-        and "enable" in control.special
-    )
 
 
 def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weaver:

@@ -35,7 +35,11 @@ Held: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
 
 
 class NoValueError(Exception):
-    """An expression has no value here; the text says why."""
+    """An expression has no value here; the text says why. `undefined` is the variable that nothing gives a value."""
+
+    def __init__(self, why: str, undefined: str = "") -> None:
+        super().__init__(why)
+        self.undefined = undefined
 
 
 class _BeyondGraphError(Exception):
@@ -214,7 +218,7 @@ class Expressions:
             return self.variable(name, found, live)
         if name in _CONSTANTS:
             return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
-        raise NoValueError(f"{name} is defined nowhere")
+        raise NoValueError(f"{name} is defined nowhere", name)
 
     def _coded(self, found: Coded) -> Value:
         """The value that a mask's code gives a name; the variables in it are fixed."""
@@ -246,7 +250,7 @@ class Expressions:
 
     def variable(self, name: str, found: Variable, live: bool) -> Held:
         """A variable, looked up or as constants; parts of a struct are told from each other by their names."""
-        if isinstance(found.value, np.ndarray) and live:
+        if isinstance(found.value, np.ndarray) and live and not found.fixed:
             return self.declared.array(self.loom, name, found)
         return self.constant(found.value)
 
@@ -340,10 +344,14 @@ class _Walk:
         found: Any = self.scope.find(way[0])
         if isinstance(found, Masked):
             return self._masked_field(found, way[1:])
+        if (part := self.scope.part(way)) is not None:
+            return self.of.variable(".".join(way), part, self.live)
         if isinstance(found, Coded):
             raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
-            raise NoValueError(f"{way[0]} is defined nowhere")
+            raise NoValueError(f"{way[0]} is defined nowhere", ".".join(way))
+        if found.fixed and way[1] not in found.value:
+            raise NoValueError(f"{way[0]} has no member {way[1]}, but {', '.join(list(found.value)[:8])}")
         value = part_of(found.value, way)
         return self.of.variable(".".join(way), _like(found, value), self.live)
 
@@ -358,6 +366,8 @@ class _Walk:
         return _Walk(self.of, found.outside, self.live, {}).value(tree)
 
     def _call(self, tree: m.Call) -> Held:
+        if isinstance(tree.of, m.Name) and len(tree.arguments) == 1 and self._is_enumeration(tree.of.name):
+            return self.nodes(tree.arguments[0])
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
@@ -404,6 +414,11 @@ class _Walk:
     def _is_array(self, name: str) -> bool:
         return name in self.names or self.scope.find(name) is not None
 
+    def _is_enumeration(self, name: str) -> bool:
+        """Whether a name is that of an enumeration, which makes a member of a number."""
+        found = self.scope.find(name) if name not in self.names else None
+        return isinstance(found, Variable) and found.fixed and isinstance(found.value, Mapping)
+
     def _index(self, array: Nodes, tree: m.Call) -> Nodes:
         fixed = _Walk(self.of, self.scope, False, self.names)
         places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
@@ -432,13 +447,13 @@ def part_of(value: Value, way: list[str]) -> Value:
     """The part of a struct at the end of a way; raises `NoValueError`."""
     for at, name in enumerate(way[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
-            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}")
+            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}", ".".join(way))
         value = value[name]
     return value
 
 
 def _like(found: Variable, value: Value) -> Variable:
-    return Variable(value, source=found.source)
+    return Variable(value, source=found.source, fixed=found.fixed)
 
 
 def _nodes(held: Held, text: str) -> Nodes:

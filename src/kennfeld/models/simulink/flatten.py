@@ -9,10 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined
+from kennfeld.models.simulink.variants import Choosing, is_variant, labels_of, member, said, with_choice
 
-__all__ = ["Atom", "Flat", "Source", "flatten", "member_names"]
+__all__ = ["Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
 
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 _NESTED = ("SubSystem", "ModelReference")
@@ -57,12 +59,15 @@ class Atom:
 
 @dataclass
 class Flat:
-    """All blocks of what is imported; `inports` and `outports` in the order of their ports."""
+    """All blocks of what is imported; `inports` and `outports` in the order of their ports.
+
+    `chosen` says which variants are active.
+    """
 
     atoms: list[Atom]
     inports: list[Atom]
     outports: list[Atom]
-    remarks: list[str] = field(default_factory=list)
+    chosen: list[str] = field(default_factory=list)
 
 
 class Level:
@@ -75,11 +80,13 @@ class Level:
         self.control = control
         self.parent: Level | None = None
         self.holder: Block | None = None
+        self.passes = False
         self.places: tuple[tuple[str, int | None], ...] = ()
         self.below: dict[str, Level] = {}
         self.atoms: dict[str, Atom] = {}
         self.sources: dict[Endpoint, Endpoint] = {}
         self.labels: dict[Endpoint, str] = {}
+        self.passing: dict[Endpoint, Endpoint] = {}
         self.fed: dict[str, int] = {}
         self.named: dict[str, dict[int, str]] = {}
         for line in system.lines:
@@ -121,7 +128,7 @@ def flatten(
     work.connect()
     ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
     inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
-    return Flat(work.atoms, inports, outports, work.remarks)
+    return Flat(work.atoms, inports, outports, work.chosen)
 
 
 class _Flattening:
@@ -131,7 +138,8 @@ class _Flattening:
         self.opaque = opaque
         self.atoms: list[Atom] = []
         self.levels: list[Level] = []
-        self.remarks: list[str] = []
+        self.chosen: list[str] = []
+        self.choosing = Choosing()
         self.gotos: dict[str, list[tuple[Level, Block]]] = {}
 
     def level(
@@ -156,6 +164,8 @@ class _Flattening:
         path = joined(*level.path, block.name)
         if path in self.cuts:
             self._atom(level, block, "Bound")
+        elif is_variant(block):
+            self._variant(level, block)
         elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
             self._enter(level, block, block.system)
         elif block.type == "Goto":
@@ -173,6 +183,31 @@ class _Flattening:
             closed = block.type in _NESTED and block.system is not None
             self._atom(level, block, _kind(block), why if closed else "")
 
+    def _variant(self, level: Level, block: Block) -> None:
+        """A block of variants: only the active one is left of it."""
+        labels = labels_of(block)
+        scope = level.scope.within(block)
+        try:
+            at = self.choosing.active(block, labels, scope)
+            if block.type == "SubSystem":
+                choice = member(block, at) if at is not None else None
+                self._enter(level, block, with_choice(block, choice))
+                level.below[block.sid].passes = True
+        except NoValueError as error:
+            self._atom(level, block, block.type, f"a block of variants, and {error}")
+            return
+        if block.type != "SubSystem":
+            self._passed(level, block, at)
+        self.chosen.append(f"{joined(*level.path, block.name)}: {said(labels, at, scope)}")
+
+    def _passed(self, level: Level, block: Block, at: int | None) -> None:
+        """A variant source or sink that passes on one signal; what reads another one is told."""
+        number = 1 if at is None else at + 1
+        ends = (1, number) if block.type == "VariantSource" else (number, 1)
+        if at is not None:
+            level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
+        self._atom(level, block, "Inactive")
+
     def _closed(self, block: Block) -> str:
         """Why a subsystem is not looked into; empty where it is."""
         assert block.system is not None
@@ -181,8 +216,6 @@ class _Flattening:
             return f"a {chart if chart != 'NONE' else 'Chart'}"
         if block.mask is not None and block.mask.type in self.opaque:
             return block.mask.type
-        if (block.value("Variant") or "off") == "on":
-            return "a variant subsystem"
         loop = next(block.system.of(*_LOOPS), None)
         return f"a subsystem that runs several times in a step ({loop.type})" if loop is not None else ""
 
@@ -218,9 +251,17 @@ class _Flattening:
                 if atom.kind in ("DataStoreRead", "DataStoreWrite"):
                     atom.store = _store(level, atom.block)
             for sid, below in level.below.items():
-                if below.control is not None and below.control.block is below.holder:
-                    ends = [Endpoint(sid, port) for port in below.control.special]
-                    below.control.inputs = [self.source(level, end) for end in ends]
+                control = below.control
+                if control is not None and control.block is below.holder:
+                    control.inputs = [self._controlling(level, sid, port) for port in control.special]
+
+    def _controlling(self, level: Level, sid: str, port: str) -> Source | None:
+        """The source at a special port; that of a variant is at the subsystem around it."""
+        while level.passes:
+            assert level.parent is not None
+            assert level.holder is not None
+            sid, level = level.holder.sid, level.parent
+        return self.source(level, Endpoint(sid, port))
 
     def _inputs(self, level: Level, sid: str, atom: Atom) -> None:
         count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
@@ -307,6 +348,8 @@ class _Flattening:
 
     def _behind(self, level: Level, source: Endpoint) -> tuple[Level | None, Endpoint | None]:
         """The input port that a block output merely passes on; None where the block computes something."""
+        if source in level.passing:
+            return level, level.passing[source]
         if source.block in level.atoms:
             return None, None
         block = level.system.by_sid[source.block]
@@ -355,6 +398,27 @@ def member_names(labels: Sequence[str], stated: str) -> list[str]:
         name = label or (listed[at] if at < len(listed) else "") or f"signal{at + 1}"
         names.append(f"{name}{at + 1}" if name in names else name)
     return names
+
+
+def controls(atom: Atom) -> Iterator[Atom]:
+    """The conditional subsystems around a block, from the inside."""
+    here = atom.control
+    while here is not None:
+        yield here
+        here = here.control
+
+
+def resets(control: Atom) -> bool:
+    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
+    for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
+        if port in control.special and (control.special[port].value(key) or "held") == "reset":
+            return True
+    trigger = control.special.get("trigger")
+    return (
+        trigger is not None
+        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
+        and "enable" in control.special
+    )
 
 
 def _priority(block: Block) -> int | None:

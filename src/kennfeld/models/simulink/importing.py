@@ -29,10 +29,12 @@ from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
 from kennfeld.models.simulink.tree import Block, Document, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
+from kennfeld.models.simulink.variants import content
 
-__all__ = ["Imported", "import_simulink", "simulink"]
+__all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_SHOWING = ("Scope", "Floating Scope", "Display", "ToFile", "XYGraph")
 _CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
 
 
@@ -79,39 +81,64 @@ def import_simulink(
     step: float | None = None,
 ) -> Imported:
     """As `simulink`, with a report of what became of every block, also where the model is not whole."""
-    path, parameters, folders = Path(path), tuple(parameters), tuple(folders)
-    resolved = Libraries(folders).resolve(read_document(path))
-    document = resolved.document
-    variables = variables_of(document, parameters)
-    system, scope, prefix = _system(document, subsystem, variables)
-    cuts = _cuts(path, bind or {}, prefix)
-    models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
-    try:
-        flat = flatten(system, scope, cuts, frozenset(KINDS), models)
-    except OverflowError as error:
-        raise InputError.of(path.name, str(error)) from None
-    remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
-    files = _function_files(path, parameters, folders)
-    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks, step, files)
-    return work.imported()
+    opened = Opened.of(path, parameters, folders)
+    system, scope, prefix = opened.system(subsystem)
+    cuts = _cuts(opened.path, bind or {}, prefix)
+    return Work(opened, opened.flat(system, scope, cuts), cuts, frozenset(promote), step).imported()
 
 
-def _system(document: Document, subsystem: str | None, variables: Variables) -> tuple[System, Scope, str]:
-    """The system to import, the names it sees, and its path."""
-    scope = Scope(variables)
-    if not subsystem:
-        return document.root, scope, ""
-    system, names = document.root, split(subsystem)
-    names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
-    block: Block | None = None
-    for name in names:
-        block = system.by_name.get(name)
-        if block is None or block.system is None:
-            known = [b.path for b in document.root.every() if b.system is not None]
-            mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
-            raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
-        scope, system = scope.within(block), block.system
-    return system, scope, block.path if block is not None else ""
+@dataclass(frozen=True)
+class Opened:
+    """A file that has been read, its links followed; `models` are the names that referenced models see, `files` the functions
+    beside it that code may call."""
+
+    path: Path
+    document: Document
+    variables: Variables
+    models: Mapping[str, Scope]
+    remarks: tuple[str, ...]
+    files: FunctionFiles
+
+    @staticmethod
+    def of(path: str | Path, parameters: Iterable[Given] = (), folders: Iterable[str | Path] = ()) -> "Opened":
+        """The file, with values for its variables; raises `InputError` where it cannot be read."""
+        parameters, folders = tuple(parameters), tuple(folders)
+        resolved = Libraries(folders).resolve(read_document(path))
+        document = resolved.document
+        variables = variables_of(document, parameters)
+        models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
+        remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        named = [Path(one) for one in parameters if isinstance(one, str | Path)]
+        files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
+        return Opened(Path(path), document, variables, models, remarks, files)
+
+    def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
+        """The system of a path, the names it sees, and its whole path; raises `InputError` where there is none."""
+        document, scope = self.document, Scope(self.variables)
+        if not subsystem:
+            return document.root, scope, ""
+        system, names = document.root, split(subsystem)
+        names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
+        block: Block | None = None
+        for name in names:
+            block = system.by_name.get(name)
+            if block is None or block.system is None:
+                known = [b.path for b in document.root.every() if b.system is not None]
+                mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
+                raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+            scope, system = scope.within(block), block.system
+        assert block is not None
+        try:
+            return content(block, scope)[0], scope, block.path
+        except NoValueError as error:
+            raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
+
+    def flat(self, system: System, scope: Scope, cuts: Mapping[str, str] = MappingProxyType({})) -> Flat:
+        """The blocks of one of its systems; raises `InputError` where there are too many."""
+        try:
+            return flatten(system, scope, cuts, frozenset(KINDS), self.models)
+        except OverflowError as error:
+            raise InputError.of(self.path.name, str(error)) from None
 
 
 def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
@@ -128,24 +155,22 @@ def _within(key: str, prefix: str) -> str:
     return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
 
 
-class _Import:
+class Work:
+    """The import of the blocks of one system."""
+
     def __init__(
         self,
-        path: Path,
-        document: Document,
+        opened: Opened,
         flat: Flat,
-        cuts: Mapping[str, str],
-        promote: frozenset[str],
-        variables: Variables,
-        remarks: list[str],
-        step: float | None,
-        files: FunctionFiles,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        promote: frozenset[str] = frozenset(),
+        step: float | None = None,
     ) -> None:
-        self.path, self.document, self.flat, self.files = path, document, flat, files
-        self.cuts, self.promote, self.variables = cuts, promote, variables
-        self.remarks = remarks
+        self.path, self.document, self.variables = opened.path, opened.document, opened.variables
+        self.flat, self.cuts, self.promote, self.files = flat, cuts, promote, opened.files
+        self.remarks = list(opened.remarks)
         self.substitutions: list[str] = []
-        self.bound = {key: expression(text, f"{path.name} bind {key}") for key, text in cuts.items()}
+        self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self.solver, self.clock = self._solver()
         if step is not None:
@@ -223,18 +248,32 @@ class _Import:
     # the graph
 
     def imported(self) -> Imported:
+        """The model and the report."""
+        weaver = self.woven()
+        report = self.report(weaver)
+        return Imported(self._model(weaver) if report.whole else None, report)
+
+    def woven(self) -> Weaver:
+        """The blocks as a graph, with what is recorded where that can be built as well."""
         outputs = self.flat.outports
         recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
-        weaver = self._woven(outputs or recorded)
+        weaver = self._woven(outputs or recorded or self._shown())
         if outputs and recorded and not self._stops(weaver):
             more = self._woven([*outputs, *recorded])
             weaver = more if not self._stops(more) else weaver
-        report = self._report(weaver)
-        return Imported(self._model(weaver) if report.whole else None, report)
+        return weaver
+
+    def _shown(self) -> list[Atom]:
+        """What shows signals in a model without other outputs: those signals become its outputs."""
+        found = [atom for atom in self.flat.atoms if atom.kind in _SHOWING and any(atom.inputs)]
+        for atom in found:
+            atom.kind = "Shown"
+        return found
 
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:
-            raise InputError.of(self.path.name, "it has no outport, so that nothing is computed", "Import a subsystem.")
+            what = "it has no outport, and nothing that records or shows a signal"
+            raise InputError.of(self.path.name, what, "Import a subsystem.")
 
         def make(guesses: Guesses) -> Weaver:
             made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
@@ -256,10 +295,12 @@ class _Import:
             made.append(_taken(weaver, graph) if graph is not None else weaver.missing(atom, number))
         return tuple(made)
 
-    def _report(self, weaver: Weaver) -> ImportReport:
+    def report(self, weaver: Weaver) -> ImportReport:
+        """What became of the blocks."""
         atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held")]
         unsupported = [
-            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True) for f in weaver.failures.values()
+            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined)
+            for f in weaver.failures.values()
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
@@ -274,8 +315,8 @@ class _Import:
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
-            (*self.substitutions, *undecided, *note), tuple(self.remarks), dict(weaver.declared.sources),
-            dict(weaver.expressions.frozen), self.solver, self.clock.step,
+            (*self.flat.chosen, *self.substitutions, *undecided, *note), tuple(self.remarks),
+            dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
         )  # fmt: skip
 
     def _model(self, weaver: Weaver) -> Model:
@@ -300,12 +341,6 @@ class _Import:
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
         )
-
-
-def _function_files(path: Path, given: Iterable[Given], folders: Iterable[str | Path]) -> FunctionFiles:
-    """Where the functions that code calls are looked for."""
-    named = [Path(one) for one in given if isinstance(one, str | Path)]
-    return FunctionFiles([path.parent, *map(Path, folders)], named)
 
 
 def _block_of(key: str) -> str:

@@ -7,6 +7,9 @@ from kennfeld.models.simulink.signals import leaves
 
 __all__ = ["Names"]
 
+_OUTPUTS = ("Outport", "ToWorkspace", "Shown")
+_WIRES = ("Outport", "Shown", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector")
+
 
 class Names:
     """`visible` are the nodes by name, `outputs` those of outports, `units` and `places` what is known of names."""
@@ -19,18 +22,18 @@ class Names:
         self._taken = {*weaver.inputs, *weaver.declared.parameters, *CLOCK}
         self._inputs = {node for name in weaver.inputs for node in [weaver.loom.input(name)]}
         outputs: list[str] = []
-        for atom in flat.outports or [atom for atom in flat.atoms if atom.kind == "ToWorkspace"]:
-            outputs += self._add(atom, 0, _output_name(atom))
-        self.outputs = tuple(outputs)
+        for atom in flat.outports or [atom for atom in flat.atoms if atom.kind in ("ToWorkspace", "Shown")]:
+            for port in range(len(weaver.outputs(atom))):
+                outputs += self._add(atom, port, _output_name(atom, port))
+        self.outputs = tuple(dict.fromkeys(outputs))
         self._inside(flat)
-        for name, port in weaver.inputs.items():
-            if port is not None:
-                self._said(name, port)
+        for name, inport in weaver.inputs.items():
+            if inport is not None:
+                self._said(name, inport)
 
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""
-        skipped = ("Outport", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector")
-        rest = [atom for atom in flat.atoms if atom.kind not in skipped and self.weaver.outputs(atom)]
+        rest = [atom for atom in flat.atoms if atom.kind not in _WIRES and self.weaver.outputs(atom)]
         for atom in rest:
             for port, name in atom.names.items():
                 if port < len(self.weaver.outputs(atom)):
@@ -48,7 +51,7 @@ class Names:
                 own = key if signal.size == 1 else f"{key}[{at + 1}]"
                 if prefer_path and own in self.visible and self.visible[own] != node:
                     own = atom.path if signal.size == 1 else f"{atom.path}[{at + 1}]"
-                made.append(self._named(own, node, atom, is_output=atom.kind in ("Outport", "ToWorkspace")))
+                made.append(self._named(own, node, atom, is_output=atom.kind in _OUTPUTS))
         return made
 
     def _named(self, name: str, node: int, atom: Atom, is_output: bool) -> str:
@@ -69,5 +72,8 @@ class Names:
             self.units[name] = unit
 
 
-def _output_name(atom: Atom) -> str:
+def _output_name(atom: Atom, port: int) -> str:
+    if atom.kind == "Shown":
+        source = atom.inputs[port]
+        return atom.taken.get(port) or (source.atom.path if source is not None else atom.path)
     return atom.block.name if atom.kind == "Outport" else (atom.block.value("VariableName") or atom.path)

@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluation import evaluate, names
-from kennfeld.matlab.objects import LookupTable, parameter_of
+from kennfeld.matlab.objects import ENUMERATION, LookupTable, parameter_of
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.scripts import run_script
 from kennfeld.matlab.values import Cell, Struct
@@ -70,7 +70,8 @@ def variable_from(value: Any, source: str) -> Variable | None:
         held: Value = _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
         return Variable(held, lower, upper, meant.unit, meant.description, source)
     plain = _plain(value)
-    return Variable(plain, source=source) if plain is not None else None
+    fixed = isinstance(value, Struct) and value.kind == ENUMERATION
+    return Variable(plain, source=source, fixed=fixed) if plain is not None else None
 
 
 def _table(meant: LookupTable) -> dict[str, Value]:

@@ -1,22 +1,35 @@
 """What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import NoValueError, each
 from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, common_shape, fastest
+from kennfeld.models.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Bus,
+    Nodes,
+    OpenBus,
+    Signal,
+    Wired,
+    common_shape,
+    fastest,
+)
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
 
-__all__ = ["Site", "Then", "as_vector", "resized"]
+__all__ = ["Site", "Then", "as_vector", "cases_of", "resized"]
 
 Then = Callable[[Signal], Signal]
 
@@ -80,7 +93,7 @@ class Site:
                 return self.weaver.expressions.fixed(given.value)
             return self.weaver.expressions.array(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def numbers(self, name: str, otherwise: str | None = None) -> Array:
         """A parameter as fixed numbers, Float[rows, columns]."""
@@ -91,14 +104,14 @@ class Site:
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def evaluated(self, text: str) -> Array:
         """The numbers of an expression that is part of a parameter."""
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE, error.undefined) from None
 
     def number(self, name: str, otherwise: str | None = None) -> float:
         """A parameter as one fixed number."""
@@ -124,12 +137,22 @@ class Site:
     def input(self, index: int = 0) -> Signal:
         """The signal at an input, counted from 0."""
         found = self.wired(index)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             only = [member for member in found.members.values() if isinstance(member, Signal)]
             if len(only) == len(found.members) == 1:
                 return only[0]
             raise UnsupportedError(f"its input {index + 1} is a bus", "Select one signal of the bus before the block.")
         return found
+
+    def bus(self, index: int = 0) -> Wired:
+        """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        found = self.wired(index)
+        if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
+            return found
+        return self.weaver.opened(source.atom)
 
     @property
     def inputs(self) -> list[Signal]:
@@ -181,6 +204,15 @@ class Site:
     def _is(self, signal: Signal, value: float) -> bool:
         return all(self.loom.value(node) == value for node in signal.flat)
 
+    def truncated(self, x: Signal) -> Signal:
+        """A signal without what is behind its decimal point."""
+        return self.call("mul", self.call("sign", x), self.call("floor", self.call("abs", x)))
+
+    def among(self, x: Signal, values: Iterable[float]) -> Signal:
+        """1 where a signal is one of several values."""
+        equal = [self.call("eq", x, self.constant(value)) for value in values]
+        return self.fold("or", equal) if equal else self.constant(0.0)
+
     # time
 
     @property
@@ -225,13 +257,38 @@ class Site:
         before = self.remember(x, lambda _: x)
         zero = self.constant(0.0)
         rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
-        falling = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
-        if kind == "either":
-            return self.call("or", rising, falling)
-        return rising if kind == "rising" else falling
+        if kind == "rising":
+            return rising
+        falling = self._falling(before, x)
+        return self.call("or", rising, falling) if kind == "either" else falling
+
+    def _falling(self, before: Signal, x: Signal) -> Signal:
+        """1 where a signal falls to 0 or below; from 0 on only where it has not just fallen to it."""
+        zero = self.constant(0.0)
+        last = self.remember(self.call("sign", x), lambda was: self.select(self.call("ne", x, zero), x, was))
+        rests = self.call("and", self.call("eq", before, zero), self.call("le", last, zero))
+        again = self.call("and", rests, self.call("lt", x, zero))
+        return self.call("or", self.call("and", self.call("gt", before, zero), self.call("le", x, zero)), again)
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
+
+
+def cases_of(site: Site, name: str) -> list[list[float]]:
+    """A parameter that lists cases, `{1, [2 3], Gear.First}`: the values of each."""
+    text = site.text(name)
+    try:
+        tree = parse_expression(text)
+    except InputError:
+        tree = m.Number(0.0)
+    if not isinstance(tree, m.CellArray):
+        raise UnsupportedError(f"{name} is {text[:60]}, not a list of cases")
+    elements = [element for row in tree.rows for element in row]
+    try:
+        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope) for one in elements]
+    except NoValueError as error:
+        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
+    return [[float(n) for n in numbers.ravel()] for numbers in found]
 
 
 def as_vector(nodes: Nodes) -> Nodes:

@@ -263,5 +263,7 @@ def function(site: Site) -> Wired:
     try:
         made = site.weaver.expressions.array(text, site.atom.scope, names={"u": u.nodes.reshape(-1, 1)})
     except NoValueError as error:
-        raise UnsupportedError(f"its expression {text[:80]} cannot be built: {error}") from None
+        raise UnsupportedError(
+            f"its expression {text[:80]} cannot be built: {error}", undefined=error.undefined
+        ) from None
     return Signal(made.ravel()[:1], u.period)  # u by itself is u[1]

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["resetting"]
+__all__ = ["reset_signal", "resetting"]
 
 
 def resetting(site: Site) -> str:
@@ -52,7 +52,7 @@ def reset_signal(site: Site, u: Signal, kind: str) -> Signal:
     if kind == "level":
         before = site.remember(zero, lambda _: u)
         return site.call("or", site.call("ne", u, zero), site.call("ne", before, zero))
-    raise UnsupportedError(f"ExternalReset is {kind!r}, which is not supported")
+    raise UnsupportedError(f"its reset is {kind!r}, which is not supported")
 
 
 @block("TransferFcn", needs=lambda site: _through(site), Numerator="[1]", Denominator="[1 2 1]")
@@ -90,7 +90,8 @@ def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
 
 
 def _over(site: Site, node: int, lead: int) -> int:
-    return site.loom.call("div", node, lead)
+    """A coefficient over the leading one; 0 stays 0, so that no path through the block appears where there is none."""
+    return node if site.loom.value(node) == 0 else site.loom.call("div", node, lead)
 
 
 def _one(node: int) -> Signal:

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.blocktypes.registry import block
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
 
 @block("Inport", "From", PortDimensions="-1", SampleTime="-1")
 def inport(site: Site) -> Wired:
-    """A channel; one for each element where the port says that it is a vector."""
+    """A channel; one for each element where the port says that it is a vector, for each signal used of a bus."""
     shape: tuple[int, ...] = (1,)
     if site.atom.kind == "Inport":
         shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0) or (1,)
         if site.text("OutDataTypeStr", "").startswith("Bus:"):
-            raise UnsupportedError("it takes a bus", "Import the subsystem behind it, or bind it.")
+            return site.weaver.opened(site.atom)
     name = site.weaver.input_name(site.atom)
     count = int(np.prod(shape))
     names = [name] if count == 1 else [f"{name}[{i + 1}]" for i in range(count)]
@@ -48,6 +48,12 @@ def sink(site: Site) -> Wired:
 def to_workspace(site: Site) -> Wired:
     """The signal that it records."""
     return site.wired(0)
+
+
+@block("Shown", sink=True)
+def shown(site: Site) -> tuple[Wired, ...]:
+    """The signals that a scope or display shows, in a model that has no other outputs."""
+    return tuple(site.wired(at) for at in range(site.count))
 
 
 @block("Ground")

@@ -6,25 +6,16 @@ A new block is a function with `@block("Type", Parameter="its default")` in a fi
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from kennfeld.models.simulink.signals import Wired
-
-if TYPE_CHECKING:
-    from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 __all__ = ["KINDS", "Kind", "Needs", "Rule", "UnsupportedError", "block", "nothing"]
 
-Rule: TypeAlias = "Callable[[Site], Wired | tuple[Wired, ...]]"
-Needs: TypeAlias = "Callable[[Site], Iterable[int]] | None"
-
-
-class UnsupportedError(Exception):
-    """A block, or a setting of it, that cannot be built; `mend` says what would help."""
-
-    def __init__(self, what: str, mend: str = "") -> None:
-        super().__init__(what)
-        self.what, self.mend = what, mend
+Rule: TypeAlias = Callable[[Site], Wired | tuple[Wired, ...]]
+Needs: TypeAlias = Callable[[Site], Iterable[int]] | None
 
 
 @dataclass(frozen=True)
@@ -41,7 +32,7 @@ class Kind:
 KINDS: dict[str, Kind] = {}
 
 
-def nothing(_: "Site") -> Iterable[int]:
+def nothing(_: Site) -> Iterable[int]:
     """No input: the output of this step is known before."""
     return ()
 

@@ -15,6 +15,12 @@ def constant(site: Site) -> Wired:
     return Signal(_vector(site, "Value").nodes, CONSTANT)
 
 
+@block("EnumeratedConstant", Value="SlDemoSign.Positive", SampleTime="inf")
+def enumerated_constant(site: Site) -> Wired:
+    """A member of an enumeration: its whole number."""
+    return site.parameter("Value")
+
+
 def _vector(site: Site, name: str) -> Signal:
     if site.text("VectorParams1D", "on") == "on":
         return site.parameter(name)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.named import Named, named, named_text
+from kennfeld.models.simulink.named import Named, given_table, named, named_text
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
@@ -49,13 +49,17 @@ def lookup_nd(site: Site) -> Wired:
     if site.chosen("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
         axes = [_even(site, i + 1, size) for i, size in enumerate(_shape(site, "Table", count))]
     else:
-        axes = [_axis(site, name) for name in names]
+        axes = _axes(site, "Table", names)
     return looked_up(site, "Table", axes, _coordinates(site, count), method)
 
 
 def _object(site: Site) -> Wired:
     """A table whose values and breakpoints are in one variable."""
     whole = site.text("LookupTableObject")
+    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    if (given := given_table(site, whole)) is not None:
+        axes = list(given.variable.axes)
+        return _looked_up(site, given, axes, _coordinates(site, len(axes)), method)
     table = named_text(site, f"{whole}.Table")
     count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
     axes = []
@@ -65,7 +69,6 @@ def _object(site: Site) -> Wired:
             axes.append(Axis(points))
         except ArgumentError as error:
             raise UnsupportedError(f"breakpoints {at + 1} of {whole}: {error}") from None
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
     return _looked_up(site, replace(table, name=whole), axes, _coordinates(site, count), method)
 
 
@@ -98,6 +101,12 @@ def _even(site: Site, number: int, size: int) -> Axis:
 def _shape(site: Site, name: str, count: int) -> tuple[int, ...]:
     found = site.numbers(name)
     return (found.size,) if count == 1 else found.shape
+
+
+def _axes(site: Site, table: str, names: list[str]) -> list[Axis]:
+    """The axes of a table: those of a calibration file, which come with its values, else the fields' breakpoints."""
+    own = named(site, table).variable.axes
+    return list(own) if len(own) == len(names) else [_axis(site, name) for name in names]
 
 
 def _axis(site: Site, name: str) -> Axis:
@@ -161,7 +170,7 @@ def _snapped(site: Site, x: Signal, axis: Axis, how: str) -> Signal:
 def lookup(site: Site) -> Wired:
     """A curve, as files before R2011a have it."""
     table = "Table" if site.atom.block.value("Table") is not None else "OutputValues"
-    return looked_up(site, table, [_axis(site, "InputValues")], [site.input()], _old_method(site))
+    return looked_up(site, table, _axes(site, table, ["InputValues"]), [site.input()], _old_method(site))
 
 
 @block("Lookup2D", RowIndex="[0 1]", ColumnIndex="[0 1]", Table="[0 0;0 0]", LookUpMeth="Interpolation-Extrapolation",
@@ -171,7 +180,7 @@ def lookup_2d(site: Site) -> Wired:
     rows = "RowIndex" if site.atom.block.value("RowIndex") is not None else "x"
     columns = "ColumnIndex" if site.atom.block.value("ColumnIndex") is not None else "y"
     table = "Table" if site.atom.block.value("Table") is not None else "t"
-    return looked_up(site, table, [_axis(site, rows), _axis(site, columns)], site.inputs[:2], _old_method(site))
+    return looked_up(site, table, _axes(site, table, [rows, columns]), site.inputs[:2], _old_method(site))
 
 
 def _old_method(site: Site) -> Method:
@@ -191,7 +200,7 @@ def direct_lookup(site: Site) -> Wired:
         raise UnsupportedError("its table is an input")
     count = site.whole("NumberOfTableDimensions", 1, 4)
     shape = _shape(site, "Table", count)
-    axes = [Axis(np.arange(size)) for size in shape]
+    axes = _numbered(site, "Table", shape)
     places = [site.call("floor", site.input(at)) for at in range(count)]
     return looked_up(site, "Table", axes, places, Method("linear", "clip"))
 
@@ -254,13 +263,62 @@ def _points(site: Site) -> Array:
        ExtrapMethod="Clip", NumSelectionDims="0", TableSource="Dialog", RequireIndexFractionAsBus="off",
        TableSpecification="Explicit values")  # fmt: skip
 def interpolation(site: Site) -> Wired:
-    """A table at cells and fractions that a prelookup found; its axes are the numbers of the breakpoints."""
+    """A table at cells and fractions: the table of the prelookups' breakpoints where they come from such blocks.
+
+    Of others, the axes are the numbers of the breakpoints.
+    """
     site.chosen("TableSource", "Dialog")
     site.chosen("TableSpecification", "Explicit values")
     if site.whole("NumSelectionDims", 0, 5) or site.on("RequireIndexFractionAsBus"):
         raise UnsupportedError("it selects parts of its table, or takes buses")
     count = site.whole("NumberOfTableDimensions", 1, 4)
     method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
-    axes = [Axis(np.arange(size)) for size in _shape(site, "Table", count)]
+    before = [found for at in range(count) if (found := _prelookup_of(site, at)) is not None]
+    if len(before) == count and method.between == "linear":
+        return _at_prelookups(site, before, method)
+    axes = _numbered(site, "Table", _shape(site, "Table", count))
     places = [site.call("add", site.input(2 * at), site.input(2 * at + 1)) for at in range(count)]
     return looked_up(site, "Table", axes, places, method)
+
+
+def _numbered(site: Site, table: str, shape: tuple[int, ...]) -> list[Axis]:
+    """Axes that count from 0; raises `UnsupportedError` where a calibration file gives the table others."""
+    axes = [Axis(np.arange(size)) for size in shape]
+    own = named(site, table).variable.axes
+    if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):
+        what = f"the calibration file gives its {table} breakpoints, but the model looks it up by number"
+        raise UnsupportedError(what, "Give its values in a script or as a value block.")
+    return axes
+
+
+def _prelookup_of(site: Site, at: int) -> Site | None:
+    """The prelookup that gives both the cell and the fraction of a dimension, in every step; None where none does."""
+    sources = site.atom.inputs[2 * at : 2 * at + 2]
+    if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].atom is not sources[1].atom:
+        return None
+    before = site.weaver.site(sources[0].atom)
+    paired = before.atom.kind == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
+    return before if paired and site.weaver.rate(before.atom) is None else None
+
+
+def _at_prelookups(site: Site, before: list[Site], method: Method) -> Wired:
+    """The table over the breakpoints of prelookups, at their inputs."""
+    own = named(site, "Table").variable.axes
+    axes = list(own) if len(own) == len(before) else [_breakpoints(one) for one in before]
+    ends = [method.beyond if one.text("ExtrapMethod") == "Linear" else "clip" for one in before]
+    places = [
+        _between(site, one.input(), axis) if end == "clip" and "linear" in ends else one.input()
+        for one, axis, end in zip(before, axes, ends, strict=True)
+    ]
+    return looked_up(site, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
+
+
+def _between(site: Site, x: Signal, axis: Axis) -> Signal:
+    """A coordinate within the ends of an axis."""
+    first, last = (site.constant(float(axis.breakpoints[end])) for end in (0, -1))
+    return site.clip(x, first, last)
+
+
+def _breakpoints(before: Site) -> Axis:
+    even = before.text("BreakpointsSpecification") == "Even spacing"
+    return Axis(_points(before)) if even else _axis(before, "BreakpointsData")
