@@ -87,3 +87,78 @@ def test_parameters_of_a_function_stay_exact(tmp_path):
 def test_code_that_goes_further_is_told(code, told, tmp_path):
     with pytest.raises(InputError, match=told):
         imported(function(code), tmp_path)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_parameters_stand_among_the_inputs_where_the_block_says_so(layout, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    scopes = {"u": "INPUT_DATA", "K": "PARAMETER_DATA", "v": "INPUT_DATA", "y": "OUTPUT_DATA"}
+    drawn.function("F", "function y = f(u, K, v)\ny = K*u - v;\n", ("u", "v"), ("y",), scopes)
+    for at, name in enumerate("uv", 1):
+        drawn.inport(name)
+        drawn.line(name, f"F:{at}")
+    drawn.outport("out")
+    drawn.line("F", "out")
+    model = imported(drawn, tmp_path, layout, parameters=[{"K": 3.0}])
+    assert model.values["K"].values == 3.0
+    np.testing.assert_allclose(run(model, {"u": U, "v": V})["out"], 3 * U - V)
+    exact, near = slopes(model, {"u": U, "v": V}, "K", "out")
+    np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_function_with_a_sample_time_of_its_own(layout, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    code = "function y = f(u)\npersistent n\nif isempty(n), n = 0; end\nn = n + u;\ny = n;\n"
+    drawn.function("F", code, updateMethod="DISCRETE", sampleTime="T")
+    drawn.inport("u")
+    drawn.outport("out")
+    drawn.chain("u", "F", "out")
+    u = np.arange(1.0, 11.0)
+    model = imported(drawn, tmp_path, layout, parameters=[{"T": 0.3}])
+    np.testing.assert_allclose(run(model, {"u": u})["out"], np.repeat(np.cumsum(u[::3]), 3)[:10])
+
+
+def test_buses_are_structs(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("speed")
+    drawn.inport("load")
+    drawn.block("BusCreator", "B", ports=(2, 1), Inputs="2")
+    drawn.line("speed", "B:1", name="speed")
+    drawn.line("load", "B:2", name="load")
+    code = "function out = f(in)\nout = in;\nout.speed = 2*in.speed;\nout.load = in.load + in.speed;\nend\n"
+    drawn.function("F", code, ("in",), ("out",))
+    drawn.line("B", "F")
+    drawn.block("BusSelector", "S", ports=(1, 2), OutputSignals="load,speed")
+    drawn.line("F", "S")
+    for at in (1, 2):
+        drawn.outport(f"y{at}")
+        drawn.line(f"S:{at}", f"y{at}")
+    found = run(imported(drawn, tmp_path), {"speed": U, "load": V})
+    np.testing.assert_allclose(found["y1"], U + V)
+    np.testing.assert_allclose(found["y2"], 2 * U)
+
+
+def test_vectors_are_columns_and_matrices_keep_their_shape(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.inport("v")
+    drawn.block("Mux", "M", ports=(2, 1), Inputs="2")
+    drawn.line("u", "M:1")
+    drawn.line("v", "M:2")
+    drawn.function("F", "function [y, A] = f(x)\ny = x'*x;\nA = x*x';\nend\n", ("x",), ("y", "A"))
+    drawn.line("M", "F")
+    drawn.function("G", "function y = f(A)\ny = A(1, 2) + 10*size(A, 2);\nend\n", ("A",))
+    drawn.line("F:2", "G")
+    drawn.outport("y1")
+    drawn.outport("y2")
+    drawn.line("F:1", "y1")
+    drawn.line("G", "y2")
+    found = run(imported(drawn, tmp_path), {"u": U, "v": V})
+    np.testing.assert_allclose(found["y1"], U**2 + V**2)
+    np.testing.assert_allclose(found["y2"], U * V + 20)
+
+
+def test_a_parameter_without_a_value_is_told(tmp_path):
+    with pytest.raises(InputError, match="K is a parameter that has no value.*Give it among the parameters"):
+        imported(function("function y = f(u, v, K)\ny = K*u;\n"), tmp_path)

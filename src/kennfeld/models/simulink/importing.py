@@ -89,8 +89,10 @@ def import_simulink(
 
 @dataclass(frozen=True)
 class Opened:
-    """A file that has been read, its links followed; `models` are the names that referenced models see, `files` the functions
-    beside it that code may call."""
+    """A file that has been read, its links followed.
+
+    `models` are the names that referenced models see, `files` the functions beside it that code may call.
+    """
 
     path: Path
     document: Document

@@ -27,7 +27,7 @@ class Rate(NamedTuple):
 def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate | None:
     """The sample time that a block states; None where it inherits. Raises `NoValueError`."""
     default = kind.defaults.get("SampleTime") if kind is not None else None
-    text = atom.block.value("SampleTime") or default
+    text = _of_chart(atom) or atom.block.value("SampleTime") or default
     if atom.kind == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
         return None
     numbers = expressions.numbers(text, atom.scope).ravel()
@@ -40,6 +40,12 @@ def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate
     if not period >= 0:
         raise NoValueError(f"{text.strip()[:40]} is no sample time")
     return Rate(period, offset if period else 0.0)
+
+
+def _of_chart(atom: Atom) -> str:
+    """The sample time of a chart or function that runs by itself."""
+    chart = atom.block.chart if atom.kind in ("Chart", "MATLAB Function") else None
+    return chart.sample_time if chart is not None and chart.update == "DISCRETE" else ""
 
 
 def common_step(periods: Iterable[float]) -> float | None:
