@@ -160,5 +160,48 @@ def test_vectors_are_columns_and_matrices_keep_their_shape(tmp_path):
 
 
 def test_a_parameter_without_a_value_is_told(tmp_path):
-    with pytest.raises(InputError, match="K is a parameter that has no value.*Give it among the parameters"):
+    with pytest.raises(InputError, match=r"K is a parameter that has no value.*Give it among the parameters"):
         imported(function("function y = f(u, v, K)\ny = K*u;\n"), tmp_path)
+
+
+CURVE = {"xs": np.array([-2.0, -0.5, 0.5, 3.0]), "ys": np.array([1.0, 4.0, -2.0, 5.0])}
+SURFACE = {"xs": np.array([-3.0, 0.0, 3.0]), "zs": np.array([-3.0, 3.0]), "m": np.array([[1, 2, 3], [5.0, -1, 2]])}
+
+
+@pytest.mark.parametrize("held", ["xs, ys", "p"])
+def test_interpolation_of_a_parameter_is_a_curve(held, tmp_path):
+    names = {"xs, ys": "xs, ys", "p": "p.xs, p.ys"}[held]
+    code = f"function y = f(u, v, {held})\ny = look({names}, u) + v;\nend\nfunction y = look(a, b, u)\n"
+    model = imported(
+        function(code + "y = interp1(a, b, u, 'linear', 'extrap');\nend\n"),
+        tmp_path,
+        parameters=[CURVE if held != "p" else {"p": CURVE}],
+    )
+    name = "ys" if held != "p" else "p.ys"
+    assert model.values[name].axes[0].name == name.replace("ys", "xs")
+    u = np.linspace(-2, 3, 41)
+    v = np.sin(u)
+    np.testing.assert_allclose(run(model, {"u": u, "v": v})["y1"], np.interp(u, *CURVE.values()) + v)
+    exact, near = slopes(model, {"u": u, "v": v}, name, "y1")
+    np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
+
+
+def test_interpolation_in_two_dimensions_of_a_parameter_is_a_map(tmp_path):
+    model = imported(function("function y = f(u, v, xs, zs, m)\ny = interp2(xs, zs, m, u, v);\n"), tmp_path,
+                     parameters=[SURFACE])  # fmt: skip
+    assert model.values["m"].values.shape == (2, 3)
+    u, v = np.clip(U, -2.9, 2.9), np.clip(V, -2.9, 2.9)
+    rows = np.array([np.interp(u, SURFACE["xs"], row) for row in SURFACE["m"]])
+    found = run(model, {"u": u, "v": v})["y1"]
+    np.testing.assert_allclose(found, rows[0] + (v + 3) / 6 * (rows[1] - rows[0]))
+    np.testing.assert_array_equal(run(model, {"u": [3.5], "v": [0.0]})["y1"], [np.nan])
+
+
+def test_a_table_that_is_also_used_by_its_elements_is_no_curve(tmp_path):
+    code = "function y = f(u, v, xs, ys)\nk = ys(2)*v;\ny = interp1(xs, ys, u, 'linear', 'extrap') + k;\n"
+    model = imported(function(code), tmp_path, parameters=[CURVE])
+    assert not model.values["ys"].axes
+    u = np.linspace(-2, 3, 41)
+    np.testing.assert_allclose(run(model, {"u": u, "v": u})["y1"], np.interp(u, *CURVE.values()) + 4 * u)
+    exact, near = slopes(model, {"u": u, "v": u}, "ys", "y1")
+    np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)

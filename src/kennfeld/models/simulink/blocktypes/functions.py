@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
@@ -16,8 +16,11 @@ from kennfeld.models.simulink.code.errors import EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memory, Scout, begun, declares, memories
 from kennfeld.models.simulink.code.values import Held, Unclear, field_of
+from kennfeld.models.simulink.named import named_text
+from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, as_vector
+from kennfeld.parameters import Axis
 
 __all__ = ["desk_of"]
 
@@ -84,7 +87,26 @@ def desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
         functions=dict(functions),
         find=site.weaver.functions,
         frozen=frozen,
+        tables=partial(_looked_up, site),
     )
+
+
+def _looked_up(site: Site, name: str, axes: list[tuple[Array, str]], places: list[Nodes], beyond: str) -> Nodes | None:
+    """A lookup of the variable of a name; None where it is none, or does not fit its breakpoints."""
+    try:
+        table = named_text(site, name)
+        made_axes = [Axis(points, name=group) for points, group in axes]
+    except (UnsupportedError, ArgumentError):
+        return None
+    shape = tuple(points.size for points, _ in axes)
+    values = table.values.ravel() if len(shape) == 1 else table.values
+    if values.shape != shape:
+        return None
+    made = site.weaver.declared.table(table.name, values, made_axes, table.variable, False, beyond)
+    spread = np.broadcast_arrays(*places)
+    columns = zip(*(one.ravel() for one in spread), strict=True)
+    nodes = [site.loom.lookup(made.name, *(int(node) for node in place)) for place in columns]
+    return np.array(nodes, dtype=np.int64).reshape(spread[0].shape)
 
 
 # arguments and results

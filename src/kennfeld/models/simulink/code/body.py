@@ -30,6 +30,7 @@ from kennfeld.models.simulink.code.values import (
     Unclear,
     array_of,
     constants,
+    resolved,
 )
 from kennfeld.models.simulink.expressions import each, fold
 from kennfeld.models.simulink.signals import Nodes
@@ -166,7 +167,7 @@ class Body:
         """A variable that has a value here."""
         held = self.names[name]
         if isinstance(held, Later):
-            held = self.names[name] = held.make()
+            held = self.names[name] = resolved(held)
         if isinstance(held, Partial):
             if not known(self.loom, self.state.facts, held.defined):
                 raise CodeError(f"{name} has no value in every case", f"Give {name} a value before the decision.")

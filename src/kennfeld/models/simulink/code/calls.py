@@ -22,6 +22,7 @@ from kennfeld.models.simulink.code.values import (
     Cells,
     Handle,
     Held,
+    Later,
     Partial,
     Struct,
     Truths,
@@ -269,12 +270,32 @@ class Calls:
         if own is not None:
             return own
         if self._function(name) is not None or name in LIBRARY:
-            return self.named(name, self.given(arguments), wanted)
+            given = self._unmade(arguments) if self._takes_tables(name) else self.given(arguments)
+            return self.named(name, given, wanted)
         parameter = self.desk.workspace(name)
         if parameter is not None:
             return (indexed(self, parameter, arguments, name) if arguments else parameter,)
         found = self.desk.unknown(self.body, name, tuple(arguments), wanted)
         return found if found is not None else self.named(name, self.given(arguments), wanted)
+
+    def _takes_tables(self, name: str) -> bool:
+        return name in ("interp1", "interp2") or self._function(name) is not None
+
+    def _unmade(self, arguments: Sequence[m.Expression]) -> list[Held]:
+        """The arguments of a function, parameters that are arrays as they are: they may become tables there."""
+        if any(isinstance(tree, m.CellIndex | m.Colon) for tree in arguments):
+            return self.given(arguments)
+        return [self.parameter(tree) or self.value(tree) for tree in arguments]
+
+    def parameter(self, tree: m.Expression) -> Later | None:
+        """A parameter that is an array and that nothing has been taken of yet; None for anything else."""
+        held: Held | None = None
+        if isinstance(tree, m.Name):
+            held = self.body.names.get(tree.name)
+        elif isinstance(tree, m.Field) and _dotted(tree.of) and _dotted(tree).split(".")[0] in self.body.names:
+            of = self.value(tree.of)
+            held = of.fields.get(tree.name) if isinstance(of, Struct) else None
+        return held if isinstance(held, Later) and held.name else None
 
     def _function(self, name: str) -> m.FunctionDefinition | None:
         return self.desk.function(name, self.body.frame.functions)

@@ -24,7 +24,7 @@ MOST_NODES: Final = 400_000
 MOST_PASSES: Final = 1_000
 
 Hook = Callable[["Body", str, tuple[m.Expression, ...], int], "tuple[Held, ...] | None"]
-Tables = Callable[[Nodes, list[Array], list[Nodes]], "Nodes | None"]
+Tables = Callable[[str, list[tuple[Array, str]], list[Nodes], str], "Nodes | None"]
 
 
 def _nothing(body: "Body", name: str, arguments: tuple[m.Expression, ...], count: int) -> None:
@@ -36,11 +36,10 @@ class Desk:
     """What all code of a block shares.
 
     `workspace(name)` is the value of a parameter, None where there is none. `number(parameter, place)` is the number
-    that an element of a parameter has, for what must be fixed. `functions` are those that the code defines or finds
-    beside it. `unknown` is asked for a function that is none of them, with the trees of its arguments and the number
-    of results; it returns them, or None. `find` gives the functions of the file that is called by a name. `tables`
-    makes a lookup of values over breakpoints at coordinates, where they are a parameter. `frozen` is told what had to
-    be fixed though it depends on a parameter.
+    that an element of a parameter has, for what must be fixed; `frozen` is told what was. `functions` are those that
+    the code defines, `find` gives those of the file that is called by a name. `unknown` is asked for a function that is
+    none of them, with the trees of its arguments and the number of results; it returns them, or None. `tables` makes a
+    lookup of the parameter of a name over breakpoints, each with the name of theirs, at coordinates.
     """
 
     loom: Loom
@@ -49,7 +48,7 @@ class Desk:
     functions: dict[str, m.FunctionDefinition] = field(default_factory=dict)
     find: Callable[[str], Mapping[str, m.FunctionDefinition]] = lambda name: {}
     unknown: Hook = _nothing
-    tables: Tables = lambda values, axes, places: None
+    tables: Tables = lambda name, axes, places, beyond: None
     frozen: Callable[[str], None] = lambda name: None
     calling: list[m.FunctionDefinition] = field(default_factory=list)
     statements: int = 0

@@ -8,7 +8,18 @@ import numpy as np
 
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.code.conditions import assumed, both, either, known, negated
-from kennfeld.models.simulink.code.values import Cells, Handle, Held, Later, Partial, Struct, Truths, Unclear, truths
+from kennfeld.models.simulink.code.values import (
+    Cells,
+    Handle,
+    Held,
+    Later,
+    Partial,
+    Struct,
+    Truths,
+    Unclear,
+    resolved,
+    truths,
+)
 from kennfeld.models.simulink.expressions import each
 from kennfeld.models.simulink.signals import Nodes
 
@@ -71,7 +82,7 @@ class _Joining:
 
     def _whole(self, held: Held | None, facts: Mapping[int, bool]) -> Held | None:
         if isinstance(held, Later):
-            return held.make()
+            return resolved(held)
         if isinstance(held, Partial):
             found = known(self.loom, facts, held.defined)
             return held if found is None else held.value if found else None

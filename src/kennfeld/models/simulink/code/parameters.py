@@ -48,21 +48,24 @@ def _made(expressions: Expressions, variable: Variable, name: str) -> Held:
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):
-        return Struct({key: Later(_part(expressions, variable, name, key)) for key in value})
+        return Struct({key: _field(expressions, variable, name, key) for key in value})
     if isinstance(value, tuple):
         cells = tuple(Later(_cell(expressions, part, f"{name}({at})")) for at, part in enumerate(value, 1))
         return Cells(cells, (1, len(cells)))
-    held = expressions.variable(name, variable, True)
-    assert isinstance(held, np.ndarray)
-    return held
+
+    def array() -> Held:
+        held = expressions.variable(name, variable, True)
+        assert isinstance(held, np.ndarray)
+        return held
+
+    return Later(array, name) if np.size(value) > 1 else array()
 
 
-def _part(expressions: Expressions, variable: Variable, name: str, key: str) -> Callable[[], Held]:
-    def make() -> Held:
-        assert isinstance(variable.value, Mapping)
-        return _made(expressions, Variable(variable.value[key], source=variable.source), f"{name}.{key}")
-
-    return make
+def _field(expressions: Expressions, variable: Variable, name: str, key: str) -> Later:
+    assert isinstance(variable.value, Mapping)
+    part = Variable(variable.value[key], source=variable.source)
+    table = isinstance(part.value, np.ndarray) and part.value.size > 1
+    return Later(lambda: _made(expressions, part, f"{name}.{key}"), f"{name}.{key}" if table else "")
 
 
 def _cell(expressions: Expressions, value: Value, name: str) -> Callable[[], Held]:

@@ -80,9 +80,13 @@ class Unclear:
 
 @dataclass(frozen=True, eq=False)
 class Later:
-    """A value that is made when it is used, such as a field of a large struct of parameters."""
+    """A value that is made when it is used; `name` is that of the parameter where it is an array that is one.
+
+    Until then it may become a table instead.
+    """
 
     make: "Callable[[], Held]"
+    name: str = ""
 
 
 Held: TypeAlias = Nodes | str | Struct | Cells | Handle | Partial | Unclear | Later
@@ -115,7 +119,9 @@ def array_of(held: Held, what: str = "it") -> Nodes:
 
 def resolved(held: Held) -> Held:
     """A value, made now where it is made when it is used."""
-    return held.make() if isinstance(held, Later) else held
+    while isinstance(held, Later):
+        held = held.make()
+    return held
 
 
 def said(held: Held) -> str:

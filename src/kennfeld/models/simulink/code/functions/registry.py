@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.code.values import Held, array_of
+from kennfeld.models.simulink.code.values import Held, Later, array_of, resolved
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import Nodes
 
@@ -34,7 +34,12 @@ class Given:
 
     def array(self, at: int) -> Nodes:
         """An argument, counted from 0, as an array of nodes."""
-        return array_of(self.held[at], f"argument {at + 1} of {self.name}")
+        return array_of(resolved(self.held[at]), f"argument {at + 1} of {self.name}")
+
+    def table(self, at: int) -> str:
+        """The name of the parameter that an argument is, where nothing has been taken of it yet; else empty."""
+        held = self.held[at]
+        return held.name if isinstance(held, Later) else ""
 
     @property
     def arrays(self) -> list[Nodes]:

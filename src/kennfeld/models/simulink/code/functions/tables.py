@@ -38,22 +38,30 @@ def _options(given: Given, begin: int) -> tuple[str, Held | None]:
 def curve(given: Given) -> Held:
     """A curve at fixed breakpoints; not a number beyond its ends unless it says otherwise."""
     first = 1 if len(given) == 2 or (len(given) > 2 and isinstance(given.held[2], str)) else 2
-    values, x = given.array(first - 1), given.array(first)
+    x = given.array(first)
+    method, beyond = _options(given, first + 1)
+    if first == 2 and method == "linear" and given.table(1):
+        points = _axis(given, 0)
+        made = given.calls.desk.tables(given.table(1), [(points, given.table(0))], [x], _kind(beyond))
+        if made is not None:
+            return _beyond(given, made, x, points, beyond)
+    values = given.array(first - 1)
     points = _axis(given, 0) if first == 2 else np.arange(1.0, values.size + 1)
     if values.size != points.size:
         raise given.refuse(f"{values.size} values for {points.size} breakpoints; columns are not supported")
-    method, beyond = _options(given, first + 1)
     made = _curve(given, points, values.ravel(order="F"), x, method)
     return _beyond(given, made, x, points, beyond)
 
 
+def _kind(beyond: Held | None) -> str:
+    """What a table does beyond its ends."""
+    return "linear" if beyond == "extrap" else "clip"
+
+
 def _curve(given: Given, points: Array, values: Nodes, x: Nodes, method: str) -> Nodes:
-    """By a lookup where the values are a parameter, else by decisions between the cells."""
+    """By decisions between the cells."""
     calls = given.calls
     if method == "linear":
-        found = calls.desk.tables(values, [points], [x])
-        if found is not None:
-            return found
         return _lines(given, points, values, x)
     steps = {"nearest": (points[1:] + points[:-1]) / 2, "previous": points[1:], "next": points[:-1]}[method]
     loom, made = calls.loom, np.full(x.shape, values[0], dtype=np.int64)
@@ -94,14 +102,18 @@ def _beyond(given: Given, made: Nodes, x: Nodes, points: Array, beyond: Held | N
 def surface(given: Given) -> Held:
     """A map at fixed breakpoints, x along its columns and y along its rows; linear, or nearest."""
     xs, ys = (_vector(given, at) for at in (0, 1))
-    values, x, y = given.array(2), given.array(3), given.array(4)
+    x, y = given.array(3), given.array(4)
+    method, beyond = _options(given, 5)
+    if method == "linear" and given.table(2):
+        axes = [(ys, given.table(1)), (xs, given.table(0))]
+        made = given.calls.desk.tables(given.table(2), axes, [y, x], "clip")
+        if made is not None:
+            return _beyond(given, _beyond(given, made, x, xs, beyond), y, ys, beyond)
+    values = given.array(2)
     if values.shape != (ys.size, xs.size):
         raise given.refuse(f"a table of {'x'.join(map(str, values.shape))} for {ys.size} by {xs.size} breakpoints")
-    method, beyond = _options(given, 5)
-    made = given.calls.desk.tables(values, [ys, xs], [y, x]) if method == "linear" else None
-    if made is None:
-        rows = [_curve(given, xs, values[row], x, method) for row in range(ys.size)]
-        made = _between(given, ys, rows, y, method)
+    rows = [_curve(given, xs, values[row], x, method) for row in range(ys.size)]
+    made = _between(given, ys, rows, y, method)
     made = _beyond(given, made, x, xs, beyond)
     return _beyond(given, made, y, ys, beyond)
 
