@@ -205,3 +205,29 @@ def test_a_table_that_is_also_used_by_its_elements_is_no_curve(tmp_path):
     np.testing.assert_allclose(run(model, {"u": u, "v": u})["y1"], np.interp(u, *CURVE.values()) + 4 * u)
     exact, near = slopes(model, {"u": u, "v": u}, "ys", "y1")
     np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
+
+
+GEARS = "classdef Gear < Simulink.IntEnumType\n enumeration\n  Neutral(0), First(1)\n  Second(2)\n end\nend\n"
+
+
+def test_enumerations_in_code_are_their_numbers(tmp_path):
+    (tmp_path / "Gear.m").write_text(GEARS)
+    code = (
+        "function y = f(u, v)\nswitch round(u)\n case Gear.Neutral\n  y = v;\n case {Gear.First, Gear(2)}\n  y = 5;\n"
+    )
+    code += " otherwise\n  y = double(Gear.Second);\nend\n"
+    model = imported(function(code), tmp_path)
+    u = np.array([-2, -0.2, 0.9, 1.6, 2.4, 3.0])
+    found = run(model, {"u": u, "v": 10 * u})["y1"]
+    np.testing.assert_allclose(found, [2, -2, 5, 5, 5, 2])
+    assert not model.values
+
+
+def test_a_signal_of_a_bus_is_held_between_the_hits_of_a_function(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.function("F", "function s = f(u)\ns.a = 2*u;\n", ("u",), ("s",), updateMethod="DISCRETE", sampleTime="0.2")
+    drawn.block("BusSelector", "B", ports=(1, 1), OutputSignals="a")
+    drawn.inport("u")
+    drawn.outport("out")
+    drawn.chain("u", "F", "B", "out")
+    np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u": np.arange(6.0)})["out"], [0, 0, 4, 4, 8, 8])

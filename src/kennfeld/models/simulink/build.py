@@ -5,16 +5,16 @@ graph is built again with what was found until nothing changes.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.graph import CLOCK
-from kennfeld.matlab.syntax import FunctionDefinition
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
+from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
 from kennfeld.models.simulink.flatten import Atom, Flat, Source, controls, resets
@@ -86,7 +86,7 @@ class Weaver:
         self.stores = Stores(flat.atoms)
         self._stored: dict[Atom, Signal] = {}
         self.inputs: dict[str, Atom | None] = {}
-        self.functions: Callable[[str], Mapping[str, FunctionDefinition]] = lambda name: {}
+        self.files = FunctionFiles(())
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
         self._begun: set[Atom] = set()
@@ -284,9 +284,11 @@ class Weaver:
 
     def _sampled(self, atom: Atom, wired: Wired) -> Wired:
         """An output as it is with the block's own sample time: held between its hits."""
+        if isinstance(wired, Bus):
+            return Bus({name: self._sampled(atom, member) for name, member in wired.members.items()})
         remembers = self.site(atom).memories > 0
         rate = self.rate(atom) or (Rate(self.guessed_period(atom)) if remembers else None)
-        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, Bus):
+        if rate is None or rate.period in (CONTINUOUS, CONSTANT):
             return wired
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)

@@ -279,7 +279,7 @@ class Work:
 
         def make(guesses: Guesses) -> Weaver:
             made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
-            made.functions = self.files.find
+            made.files = self.files
             return made
 
         return settled(make, goals)

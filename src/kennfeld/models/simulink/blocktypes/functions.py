@@ -82,10 +82,10 @@ def desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
 
     return Desk(
         site.loom,
-        workspace=partial(parameter, expressions, scope),
+        workspace=partial(parameter, expressions, scope, enumeration=site.weaver.files.enumeration),
         number=partial(parameter_number, expressions),
         functions=dict(functions),
-        find=site.weaver.functions,
+        find=site.weaver.files.find,
         frozen=frozen,
         tables=partial(_looked_up, site),
     )

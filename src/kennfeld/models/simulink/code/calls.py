@@ -23,6 +23,7 @@ from kennfeld.models.simulink.code.values import (
     Handle,
     Held,
     Later,
+    Members,
     Partial,
     Struct,
     Truths,
@@ -160,6 +161,7 @@ class Calls:
         """What an operator makes of two arrays."""
         single = left.size == 1 or right.size == 1
         if operator == "*" and not single:
+            self.desk.room(float(left.size) * right.shape[-1])
             return product(self.loom, left, right)
         if (operator == "/" and right.size != 1) or (operator == "\\" and left.size != 1):
             return divided(self.loom, operator, left, right)
@@ -170,6 +172,8 @@ class Calls:
         operator = _ELEMENTWISE.get(operator, operator)
         if operator not in BINARY:
             raise CodeError(f"the operator {operator} is not supported")
+        if left.size > 1 and right.size > 1 and left.shape != right.shape:
+            self.desk.room(float(left.size) * right.size)
         made = elementwise(self.loom, BINARY[operator], left, right)
         return truths(made) if operator in _TRUE_OR_FALSE else made
 
@@ -273,6 +277,8 @@ class Calls:
             given = self._unmade(arguments) if self._takes_tables(name) else self.given(arguments)
             return self.named(name, given, wanted)
         parameter = self.desk.workspace(name)
+        if isinstance(parameter, Members) and len(arguments) == 1:
+            return (self.value(arguments[0]),)
         if parameter is not None:
             return (indexed(self, parameter, arguments, name) if arguments else parameter,)
         found = self.desk.unknown(self.body, name, tuple(arguments), wanted)

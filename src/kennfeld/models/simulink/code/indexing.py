@@ -92,6 +92,7 @@ def _elements(calls: "Calls", array: Nodes, places: list[Held], what: str, fixed
             raise CodeError(f"the place in {what} depends on signals")
         else:
             parts = np.moveaxis(whole, axis, 0)
+            calls.desk.room(float(parts.size) * chosen.size)
             picked = [_picked(calls, parts, int(node)) for node in chosen.ravel(order="F")]
             whole = np.moveaxis(np.stack(picked), 0, axis)
     while whole.ndim > 2 and whole.shape[-1] == 1:
@@ -117,6 +118,7 @@ def _linear(calls: "Calls", array: Nodes, held: Held, what: str, fixed: bool) ->
         return flat[at].reshape(shape, order="F")
     if fixed:
         raise CodeError(f"the place in {what} depends on signals")
+    calls.desk.room(float(flat.size) * chosen.size)
     made = np.array([_picked(calls, flat, int(node)) for node in chosen.ravel(order="F")], dtype=np.int64)
     return made.reshape(shape, order="F")
 
@@ -164,7 +166,6 @@ def _within(at: list[int], size: int, array: Nodes, what: str) -> None:
 def _picked(calls: "Calls", parts: Nodes, node: int) -> Nodes:
     """The part at a place that depends on signals; not a number beyond the ends, where MATLAB stops."""
     loom = calls.loom
-    calls.desk.room(parts.size)
     at = np.full(parts.shape[1:], loom.call("round", node), dtype=np.int64)
     made = np.full(parts.shape[1:], loom.const(float("nan")), dtype=np.int64)
     for number in range(parts.shape[0], 0, -1):

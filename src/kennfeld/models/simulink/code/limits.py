@@ -19,10 +19,17 @@ class Limits(NamedTuple):
 
 
 _TRUTHS = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
+
+
+def _away(x: float) -> float:
+    """The nearest whole number, of two equally near the one farther from 0."""
+    return math.copysign(math.floor(abs(x) + 0.5), x)
+
+
 _RISING: dict[str, Callable[[float], float]] = {
     "floor": math.floor,
     "ceil": math.ceil,
-    "round": lambda x: math.floor(x + 0.5),
+    "round": _away,
 }
 
 

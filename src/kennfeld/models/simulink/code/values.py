@@ -20,6 +20,7 @@ __all__ = [
     "Handle",
     "Held",
     "Later",
+    "Members",
     "Partial",
     "Struct",
     "Truths",
@@ -44,6 +45,11 @@ class Struct:
     """A struct of one element, its fields in their order."""
 
     fields: "Mapping[str, Held]"
+
+
+@dataclass(frozen=True, eq=False)
+class Members(Struct):
+    """An enumeration by its members, each a whole number."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,12 +194,14 @@ _LOGIC: Final[dict[str, Rule]] = {
 @function(*_TWO, least=2, most=2)
 def of_two(given: Given) -> Held:
     """A function of two arguments, element by element."""
+    given.fits(*given.arrays)
     return _TWO[given.name](given.calls.loom, *given.arrays)
 
 
 @function(*_LOGIC, least=2, most=2)
 def comparison(given: Given) -> Held:
     """A comparison, element by element."""
+    given.fits(*given.arrays)
     return truths(_LOGIC[given.name](given.calls.loom, *given.arrays))
 
 

@@ -99,6 +99,7 @@ def extreme(given: Given) -> Held | tuple[Held, ...]:
     """The smaller or larger of two arrays, or the smallest or largest along a dimension, with its place."""
     loom = given.calls.loom
     if len(given) == 2:
+        given.fits(*given.arrays)
         return each(loom, given.name, *given.arrays)
     array = given.array(0)
     if array.size == 0:

@@ -41,6 +41,10 @@ class Given:
         held = self.held[at]
         return held.name if isinstance(held, Later) else ""
 
+    def fits(self, *arrays: Nodes) -> None:
+        """Refuse arrays that grow beyond all bounds where they are expanded against each other."""
+        self.calls.desk.room(float(np.prod(np.broadcast_shapes(*(one.shape for one in arrays)), dtype=np.float64)))
+
     @property
     def arrays(self) -> list[Nodes]:
         """All arguments as arrays of nodes."""

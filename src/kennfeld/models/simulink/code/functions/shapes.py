@@ -250,6 +250,7 @@ def colon(given: Given) -> Held:
 def grids(given: Given) -> tuple[Held, ...]:
     """Two vectors as the columns and rows of matrices."""
     x, y = given.array(0), given.array(len(given) - 1)
+    given.calls.desk.room(float(x.size) * y.size)
     made = np.meshgrid(x.ravel(order="F"), y.ravel(order="F"))
     return tuple(made)
 

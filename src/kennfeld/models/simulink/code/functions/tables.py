@@ -73,6 +73,7 @@ def _curve(given: Given, points: Array, values: Nodes, x: Nodes, method: str) ->
 
 def _lines(given: Given, points: Array, values: Nodes, x: Nodes) -> Nodes:
     """Lines between the points, the first and last ones going on."""
+    given.calls.desk.room(float(points.size) * x.size)
     loom, made = given.calls.loom, x
     for at in range(points.size - 1):
         share = each(
@@ -152,6 +153,7 @@ def polynomial(given: Given) -> Held:
     """A polynomial by its coefficients, the highest first."""
     loom, x = given.calls.loom, given.array(1)
     coefficients = [node.reshape(1, 1) for node in given.array(0).ravel(order="F")]
+    given.calls.desk.room(float(x.size) * len(coefficients))
     made = np.full(x.shape, loom.const(0.0), dtype=np.int64)
     for coefficient in coefficients:
         made = each(loom, "add", each(loom, "mul", made, x), coefficient)

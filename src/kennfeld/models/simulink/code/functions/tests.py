@@ -91,6 +91,7 @@ def is_member(given: Given) -> Held:
     if isinstance(one, str):
         return _fixed(given, isinstance(other, Cells) and one in other.cells)
     loom, made = given.calls.loom, np.full(given.array(0).shape, given.calls.loom.const(0.0), dtype=np.int64)
+    given.calls.desk.room(float(made.size) * given.array(1).size)
     for node in given.array(1).ravel(order="F"):
         same = each(loom, "eq", given.array(0), node.reshape(1, 1))
         made = each(loom, "or", made, same)
