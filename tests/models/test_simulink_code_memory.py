@@ -7,6 +7,7 @@ from simulink_files import LAYOUTS, Model
 from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 
 
 def over(step, u=U, v=V):
@@ -217,3 +218,46 @@ def test_a_counter_without_inputs(tmp_path):
 def test_memories_that_cannot_be_are_told(code, told, tmp_path):
     with pytest.raises(InputError, match=told):
         imported(function(body(code)), tmp_path)
+
+
+def sharing(writer, reader):
+    """A function that adds to a data store, and one that reads it; priorities as given."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="total", InitialValue="start")
+    adding = "function y = f(u)\nglobal total\nif u > 0\n add(u);\nend\ny = total;\nend\n"
+    adding += "function add(u)\nglobal total\ntotal = total + u;\nend\n"
+    scopes = {"u": "INPUT_DATA", "y": "OUTPUT_DATA", "total": "DATA_STORE_MEMORY_DATA"}
+    drawn.function("F", adding, data=scopes).parameters.update({"Priority": writer} if writer else {})
+    reading = "function y = g(u)\nglobal total\ny = 10*total + u;\n"
+    drawn.function("G", reading, data=scopes).parameters.update({"Priority": reader} if reader else {})
+    drawn.inport("u")
+    for at, name in enumerate("FG", 1):
+        drawn.outport(f"y{at}")
+        drawn.line(name, f"y{at}")
+    drawn.line("u", "F", "G")
+    return drawn
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_functions_share_data_stores(layout, tmp_path):
+    found = run(imported(sharing("1", "2"), tmp_path, layout, parameters=[{"start": 2.0}]), {"u": U})
+    total = 2 + np.cumsum(np.maximum(U, 0))
+    np.testing.assert_allclose(found["y1"], total)
+    np.testing.assert_allclose(found["y2"], 10 * total + U)
+
+
+def test_without_priorities_a_function_reads_what_the_step_before_has_left(tmp_path):
+    report = import_simulink(sharing("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
+    assert sum("reads the data store as the step before left it" in one for one in report.substitutions) == 1
+    assert report.total == 6
+    found = run(imported(sharing("", ""), tmp_path, parameters=[{"start": 2.0}]), {"u": U})
+    total = np.concatenate([[2.0], 2 + np.cumsum(np.maximum(U, 0))])
+    np.testing.assert_allclose(found["y1"], total[1:])
+    np.testing.assert_allclose(found["y2"], 10 * total[:-1] + U)
+
+
+def test_a_data_store_that_is_nowhere_is_told(tmp_path):
+    drawn = sharing("1", "2")
+    drawn.blocks = [one for one in drawn.blocks if one.name != "M"]
+    with pytest.raises(InputError, match="there is no memory for the data store total"):
+        imported(drawn, tmp_path)

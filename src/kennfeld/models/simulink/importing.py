@@ -299,7 +299,7 @@ class Work:
 
     def report(self, weaver: Weaver) -> ImportReport:
         """What became of the blocks."""
-        atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held")]
+        atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held") and not atom.made]
         unsupported = [
             Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined)
             for f in weaver.failures.values()

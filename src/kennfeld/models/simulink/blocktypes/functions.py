@@ -12,12 +12,13 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
+from kennfeld.models.simulink.code.body import GLOBAL
 from kennfeld.models.simulink.code.errors import EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memory, Scout, begun, declares, memories
 from kennfeld.models.simulink.code.values import Held, Unclear, field_of
 from kennfeld.models.simulink.named import named_text
-from kennfeld.models.simulink.scopes import Array
+from kennfeld.models.simulink.scopes import Array, written_names
 from kennfeld.models.simulink.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, as_vector
 from kennfeld.parameters import Axis
@@ -50,11 +51,12 @@ def _outputs(site: Site) -> tuple[Wired, ...]:
     given = _given(site, function)
     work = _Call(site, desk, function, given)
     results = work.results()
-    period = fastest([site.wired(at).period for at in range(site.count)])
+    period = fastest([site.wired(at).period for at in range(_ports(site))])
     period = 0.0 if site.memories and period == CONSTANT else period
     shown = _shown(site)
     named = zip(function.results, results, strict=False)
-    return tuple(_wired(one, period) for name, one in named if not shown or name in shown)
+    made = [one for name, one in named if not shown or name in shown]
+    return tuple(_wired(one, period) for one in (*made, *work.left))
 
 
 def _script(site: Site) -> m.Script:
@@ -65,6 +67,11 @@ def _script(site: Site) -> m.Script:
     if not script.functions or script.statements:
         raise UnsupportedError("its code is no function", _MEND)
     return script
+
+
+def _ports(site: Site) -> int:
+    """How many of its inputs are ports; the others are data stores."""
+    return site.count - len(site.atom.shared)
 
 
 def _shown(site: Site) -> set[str]:
@@ -118,7 +125,7 @@ def _given(site: Site, function: m.FunctionDefinition) -> list[Held]:
     fixed = {one.name for one in chart.data if one.scope == _PARAMETER} if chart is not None else set()
     expressions, made, at = site.weaver.expressions, list[Held](), 0
     for name in function.parameters:
-        if name not in fixed and at < site.count:
+        if name not in fixed and at < _ports(site):
             made.append(_held(site.wired(at)))
             at += 1
             continue
@@ -155,16 +162,24 @@ class _Call:
     desk: Desk
     function: m.FunctionDefinition
     given: list[Held]
+    left: tuple[Held, ...] = ()
 
     def results(self) -> tuple[Held, ...]:
         """The results, the memories of persistent variables being read and written."""
         if not self._remembers():
-            return self._run(Body(self.desk))
+            return self._run(self._begun())
         known = self._scouted()
-        body = Body(self.desk)
+        body = self._begun()
         for key, memory in known.items():
             body.state.kept[key] = begun(self.desk, memory, self._remember, partial(self._left, body, key))
         return self._run(body)
+
+    def _begun(self) -> Body:
+        """The code before its call, with what the data stores hold that it uses."""
+        body = Body(self.desk)
+        for at, name in enumerate(self.site.atom.shared, _ports(self.site)):
+            body.state.kept[GLOBAL, name] = _held(self.site.wired(at))
+        return body
 
     def _left(self, body: Body, key: Key) -> Held | None:
         return body.state.kept.get(key)
@@ -174,11 +189,21 @@ class _Call:
 
     def _run(self, body: Body) -> tuple[Held, ...]:
         self.desk.statements = 0
-        return body.call(self.function, self.given, len(self.function.results), _BLOCK)
+        before = dict(body.state.kept)
+        results = body.call(self.function, self.given, len(self.function.results), _BLOCK)
+        self.left = tuple(self._end_of(body, before, name) for name in self.site.atom.shared)
+        return results
+
+    def _end_of(self, body: Body, before: Mapping[Key, Held], name: str) -> Held:
+        """What the call leaves in a data store."""
+        made = body.state.kept[GLOBAL, name]
+        if made is not before[GLOBAL, name] and name not in written_names(self.site.atom.block.script):
+            raise CodeError(f"a function in a file writes the data store {name}", "Write it in the block's own code.")
+        return made
 
     def _scouted(self) -> dict[Key, Memory]:
         """What the first call makes of persistent variables."""
-        body = Body(self.desk)
+        body = self._begun()
         scout = Scout(self.desk, body)
         body.watch = scout.watch
         self._run(body)

@@ -18,6 +18,7 @@
 - `desk.unknown(body, name, argument_trees, wanted)` is asked for a function that neither the code nor the library has:
   it evaluates the arguments with `body.value`, may change `body.names`, and returns the results, `()` of none, or None.
 - `persistent` variables are in `body.state.kept` by (function, name): set it before and read it after the run.
+- `global` variables are in `body.state.kept` by ("global", name), where the host puts them.
 - Everything raises `CodeError` (errors.py) where a graph cannot follow; it knows the line.
 
 The functions of the library are in functions/, by family.

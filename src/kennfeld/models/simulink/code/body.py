@@ -35,9 +35,10 @@ from kennfeld.models.simulink.code.values import (
 from kennfeld.models.simulink.expressions import each, fold
 from kennfeld.models.simulink.signals import Nodes
 
-__all__ = ["Body", "Frame"]
+__all__ = ["GLOBAL", "Body", "Frame"]
 
 Begin = Callable[[int], int | None]
+GLOBAL = "global"  # the function that shared variables are kept under
 _PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
 _SILENT = frozenset(
     {"disp", "fprintf", "warning", "assert", "printf", "display", "tic", "toc", "figure", "plot", "drawnow", "pause"}
@@ -54,6 +55,7 @@ class Frame:
     wanted: int = 1
     persistent: list[str] = field(default_factory=list)
     functions: Mapping[str, m.FunctionDefinition] = field(default_factory=dict)
+    shared: list[str] = field(default_factory=list)
 
 
 class Body:
@@ -146,12 +148,21 @@ class Body:
             self.value(expression)
 
     def _declare(self, kind: str, names: Sequence[str]) -> None:
-        if kind != "persistent":
-            raise CodeError(f"global {' '.join(names)}: data stores cannot be reached from code", "Make it an input.")
+        if kind == "global":
+            self._share(names)
+            return
         for name in names:
             self.frame.persistent.append(name)
             unset = Partial(EMPTY, self.loom.const(0.0))
             self.names[name] = self.state.kept.get((self.frame.name, name), unset)
+
+    def _share(self, names: Sequence[str]) -> None:
+        """Variables that all functions share, which the host has given."""
+        for name in names:
+            if (GLOBAL, name) not in self.state.kept:
+                raise CodeError(f"global {name}: the block has no data store of this name", "Make it an input.")
+            self.frame.shared.append(name)
+            self.names[name] = self.state.kept[GLOBAL, name]
 
     # values
 
@@ -201,10 +212,11 @@ class Body:
 
     def within(self, names: Mapping[str, Held], make: Callable[[], Held]) -> Held:
         """What is made while the variables are others."""
-        outer = self.state
-        self.state = State(dict(names), outer.kept, {}, outer.facts)
+        self._keep_shared()
+        outer, around = self.state, self.frame
+        self.state, self.frame = State(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
         made = make()
-        self.state = replace(outer, kept=self.state.kept)
+        self.state, self.frame = replace(outer, kept=self.state.kept), around
         return made
 
     # assignments
@@ -446,6 +458,7 @@ class Body:
             raise CodeError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
         if len(arguments) > len(function.parameters) and "varargin" not in function.parameters[-1:]:
             raise CodeError(f"{function.name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
+        self._keep_shared()
         outer, around = self.state, self.frame
         self.frame = Frame(name, len(arguments), wanted, [], self.desk.beside(function))
         self.state = State(_given(function, arguments), outer.kept, {}, outer.facts)
@@ -455,12 +468,19 @@ class Body:
         self._keep()
         results = tuple(self._results(function, wanted))
         self.state, self.frame = replace(outer, kept=self.state.kept), around
+        for name in self.frame.shared:
+            self.names[name] = self.state.kept[GLOBAL, name]
         return results
 
     def _keep(self) -> None:
         """Note the values of persistent variables for the next call."""
         for name in self.frame.persistent:
             self.state.kept[self.frame.name, name] = self.names[name]
+        self._keep_shared()
+
+    def _keep_shared(self) -> None:
+        for name in self.frame.shared:
+            self.state.kept[GLOBAL, name] = self.names[name]
 
     def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[Held]:
         for name in function.results[: max(wanted, 1)]:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.code.body import Body
+from kennfeld.models.simulink.code.body import GLOBAL, Body
 from kennfeld.models.simulink.code.desk import Desk
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.joining import State
@@ -96,7 +96,7 @@ def memories(scout: Scout, kept: dict[Key, Held], questions: int) -> dict[Key, M
     return {
         key: _memory(key, held, scout.starts.get(key) if plain else None)
         for key, held in kept.items()
-        if not scout.unset(held)
+        if key[0] != GLOBAL and not scout.unset(held)
     }
 
 
