@@ -284,12 +284,12 @@ class Weaver:
 
     def _sampled(self, atom: Atom, wired: Wired) -> Wired:
         """An output as it is with the block's own sample time: held between its hits."""
-        if isinstance(wired, Bus):
-            return Bus({name: self._sampled(atom, member) for name, member in wired.members.items()})
         remembers = self.site(atom).memories > 0
         rate = self.rate(atom) or (Rate(self.guessed_period(atom)) if remembers else None)
-        if rate is None or rate.period in (CONTINUOUS, CONSTANT):
+        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, OpenBus):
             return wired
+        if isinstance(wired, Bus):
+            return Bus({name: self._sampled(atom, member) for name, member in wired.members.items()})
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
         return self._held(wired, rate)
