@@ -259,3 +259,12 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
 def test_what_is_refused_is_told_with_its_line(code, told, tmp_path):
     with pytest.raises(InputError, match=told):
         imported(function(body(code)), tmp_path)
+
+
+def test_sums_of_sums_are_looked_through_once(tmp_path):
+    doubling = "x = min(max(u, 0), 1);\nb = u > 0;\nc = v > 0;\n"
+    doubling += "for k = 1:60\n x = x + x;\n [b, c] = deal(b & c | b, b | c & b);\nend\ny = 0;\n"
+    doubling += "if b && c, y = 1; end\nfor k = 1:min(floor(x/2^59), 2)\n y = y + k;\nend"
+    found = outputs(body(doubling), tmp_path)
+    count = np.minimum(np.floor(2 * np.clip(U, 0, 1)), 2)
+    np.testing.assert_allclose(found, count * (count + 1) / 2 + (U > 0) * ((V > 0) | (U > 0)))

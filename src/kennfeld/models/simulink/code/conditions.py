@@ -7,6 +7,7 @@ from kennfeld.models.formula.functions import Loom
 __all__ = ["assumed", "both", "either", "known", "negated"]
 
 _DEEPEST = 40
+_MOST = 200  # conditions that are looked at for one
 
 
 def negated(loom: Loom, node: int) -> int:
@@ -48,19 +49,26 @@ def assumed(loom: Loom, facts: Mapping[int, bool], node: int, holds: bool) -> di
     return made
 
 
-def known(loom: Loom, facts: Mapping[int, bool], node: int, depth: int = 0) -> bool | None:
+def known(loom: Loom, facts: Mapping[int, bool], node: int) -> bool | None:
     """Whether a condition holds by what is known; None where that does not tell."""
     value = loom.value(node)
-    if value is not None:
-        return bool(value)
-    if node in facts or depth > _DEEPEST:
+    if value is not None or not facts:
+        return None if value is None else bool(value)
+    return _known(loom, facts, node, {}, 0)
+
+
+def _known(loom: Loom, facts: Mapping[int, bool], node: int, seen: dict[int, bool | None], depth: int) -> bool | None:
+    """As `known`; parts that several conditions share are looked at once."""
+    if node in facts or depth > _DEEPEST or len(seen) > _MOST:
         return facts.get(node)
-    op, args, _ = loom.nodes[node]
-    if op == "not":
-        found = known(loom, facts, args[0], depth + 1)
-        return None if found is None else not found
-    if op in ("and", "or"):
-        parts = [known(loom, facts, arg, depth + 1) for arg in args]
-        strong = op == "or"  # one such part decides
-        return strong if strong in parts else None if None in parts else not strong
-    return None
+    if node not in seen:
+        op, args, _ = loom.nodes[node]
+        value = loom.value(node)
+        found = None if value is None else bool(value)
+        if op in ("not", "and", "or"):
+            parts = [_known(loom, facts, arg, seen, depth + 1) for arg in args]
+            strong = op == "or"  # one such part decides
+            found = strong if strong in parts else None if None in parts else not strong
+            found = (None if parts[0] is None else not parts[0]) if op == "not" else found
+        seen[node] = found
+    return seen[node]

@@ -39,40 +39,52 @@ def most_of(loom: Loom, node: int, up: bool) -> float:
     return found.high if up else found.low
 
 
-def limits_of(loom: Loom, node: int, depth: int = 0) -> Limits:
+def limits_of(loom: Loom, node: int) -> Limits:
     """The values between which a node stays, as far as its operations tell."""
-    op, args, payload = loom.nodes[node]
-    if op == "const":
-        return Limits(payload, payload)
-    if op in _TRUTHS or op == "sign":
-        return Limits(-1.0 if op == "sign" else 0.0, 1.0)
-    if depth > _DEEPEST or op not in _RULES:
-        return Limits()
-    if op == "select":
-        return _select(loom, args, depth)
-    return Limits(*_RULES[op](*(limits_of(loom, arg, depth + 1) for arg in args)))
+    return _Search(loom).limits(node, 0)
 
 
-def _select(loom: Loom, args: tuple[int, ...], depth: int) -> Limits:
-    """Of both sides; a side that its own condition bounds is bounded by it."""
-    choice, yes, no = args
-    a, b = limits_of(loom, yes, depth + 1), limits_of(loom, no, depth + 1)
-    op, sides, _ = loom.nodes[choice]
-    if op in ("gt", "ge", "lt", "le"):
-        x, limit = sides if op in ("gt", "ge") else sides[::-1]  # the condition is x > limit
-        a = _bounded(a, yes, x, limit, loom, depth, True)
-        b = _bounded(b, no, x, limit, loom, depth, False)
-    return Limits(min(a.low, b.low), max(a.high, b.high))
+class _Search:
+    def __init__(self, loom: Loom) -> None:
+        self.loom = loom
+        self.seen: dict[int, Limits] = {}
 
+    def limits(self, node: int, depth: int) -> Limits:
+        if node not in self.seen:
+            self.seen[node] = self._limits(node, depth)
+        return self.seen[node]
 
-def _bounded(found: Limits, node: int, x: int, limit: int, loom: Loom, depth: int, above: bool) -> Limits:
-    """The limits of a side where x > limit is known to hold, or not to hold."""
-    greater, less = (x, limit) if above else (limit, x)
-    if node == greater:
-        return Limits(max(found.low, limits_of(loom, less, depth + 1).low), found.high)
-    if node == less:
-        return Limits(found.low, min(found.high, limits_of(loom, greater, depth + 1).high))
-    return found
+    def _limits(self, node: int, depth: int) -> Limits:
+        op, args, payload = self.loom.nodes[node]
+        if op == "const":
+            return Limits(payload, payload)
+        if op in _TRUTHS or op == "sign":
+            return Limits(-1.0 if op == "sign" else 0.0, 1.0)
+        if depth > _DEEPEST:
+            return Limits()
+        if op == "select":
+            return self._select(args, depth + 1)
+        if op not in _RULES:
+            return Limits()
+        return Limits(*_RULES[op](*(self.limits(arg, depth + 1) for arg in args)))
+
+    def _select(self, args: tuple[int, ...], depth: int) -> Limits:
+        """Of both sides; a side that its own condition bounds is bounded by it."""
+        choice, yes, no = args
+        a, b = self.limits(yes, depth), self.limits(no, depth)
+        op, sides, _ = self.loom.nodes[choice]
+        if op in ("gt", "ge", "lt", "le"):
+            x, limit = sides if op in ("gt", "ge") else sides[::-1]  # the condition is x > limit
+            a, b = self._bounded(a, yes, x, limit, depth), self._bounded(b, no, limit, x, depth)
+        return Limits(min(a.low, b.low), max(a.high, b.high))
+
+    def _bounded(self, found: Limits, node: int, greater: int, less: int, depth: int) -> Limits:
+        """The limits of a side where one node is known to be greater than another."""
+        if node == greater:
+            return Limits(max(found.low, self.limits(less, depth).low), found.high)
+        if node == less:
+            return Limits(found.low, min(found.high, self.limits(greater, depth).high))
+        return found
 
 
 def _whole(op: str, x: Limits) -> Limits:
@@ -94,7 +106,6 @@ def _mul(a: Limits, b: Limits) -> Limits:
 
 
 _RULES: dict[str, Callable[..., tuple[float, float]]] = {
-    "select": lambda *_: Limits(),
     "min": lambda a, b: (min(a.low, b.low), min(a.high, b.high)),
     "max": lambda a, b: (max(a.low, b.low), max(a.high, b.high)),
     "add": lambda a, b: (a.low + b.low, a.high + b.high),
