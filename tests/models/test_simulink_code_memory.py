@@ -31,6 +31,12 @@ def first_input(s, u, v):
     return y
 
 
+def from_first(s, u, v):
+    s["x"] = s.get("x", u) + u
+    s["n"] = s.get("n", 0) + 1
+    return s["x"] / s["n"]
+
+
 def ring(s, u, v):
     buffer, at = s.get("b", np.zeros(4)), s.get("i", 1)
     buffer = buffer.copy()
@@ -90,6 +96,7 @@ CASES = [
     ("persistent x\npersistent n\nif isempty(x) || isempty(n)\n x = 3;\n n = 0;\nend\nx = x + u; n = n + 1;\ny = x/n;",
      total, 2),
     ("persistent x n\nif isempty(x), x = 3; end\nif isempty(n), n = 0; end\nx = x + u; n = n + 1;\ny = x/n;", total, 2),
+    ("persistent x n\nif isempty(x)\n x = u; n = 0;\nend\nx = x + u; n = n + 1;\ny = x/n;", from_first, 3),
     ("persistent x\nif isempty(x)\n x = u;\nend\ny = x;\nif v > 0\n x = 0.5*x + u;\nend", first_input, 2),
     ("persistent b i\nif isempty(b)\n b = zeros(1, 4); i = 1;\nend\nb(i) = u;\ni = mod(i, 4) + 1;\ny = mean(b);",
      ring, 5),
@@ -147,6 +154,14 @@ def test_functions_keep_variables_of_their_own_and_all_calls_share_them(tmp_path
 )
 def test_derivatives_go_through_memories(code, tmp_path):
     check_slopes(f"function y = f(u, v, K)\n{code}\nend\n", tmp_path, "K", 0.4)
+
+
+def test_what_only_a_later_call_reaches_is_kept_as_well(tmp_path):
+    code = body("persistent x k\nif isempty(x)\n x = 0;\nelse\n x = count(u);\n if isempty(k)\n  k = u;\n end\nend\n"
+                "y = x;\nif ~isempty(k)\n y = y + 100*k;\nend")  # fmt: skip
+    code += "function n = count(a)\npersistent s\nif isempty(s), s = 10; end\ns = s + a;\nn = s;\nend\n"
+    wanted = 10 + np.cumsum(U[1:]) + 100 * U[1]
+    np.testing.assert_allclose(outputs(code, tmp_path), np.concatenate([[0.0], wanted]))
 
 
 def enabled(reset_states):

@@ -15,7 +15,7 @@ from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
 from kennfeld.models.simulink.code.body import GLOBAL
 from kennfeld.models.simulink.code.errors import EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
-from kennfeld.models.simulink.code.persistent import Key, Memory, Scout, begun, declares, memories
+from kennfeld.models.simulink.code.persistent import Key, Memories, Memory, Scout, declares, later, memories
 from kennfeld.models.simulink.code.values import Held, Unclear, field_of
 from kennfeld.models.simulink.named import named_text
 from kennfeld.models.simulink.scopes import Array, written_names
@@ -28,6 +28,7 @@ __all__ = ["desk_of"]
 _MEND: Final = "Draw it as blocks, or bind its outputs."
 _GIVE: Final = "Give it among the parameters: a script, a .mat, .sldd or calibration file."
 _BLOCK: Final = "the function of the block"
+_MOST_ROUNDS: Final = 20
 _PARAMETER: Final = "PARAMETER_DATA"
 
 
@@ -169,10 +170,17 @@ class _Call:
         if not self._remembers():
             return self._run(self._begun())
         known = self._scouted()
-        body = self._begun()
-        for key, memory in known.items():
-            body.state.kept[key] = begun(self.desk, memory, self._remember, partial(self._left, body, key))
-        return self._run(body)
+        for _ in range(_MOST_ROUNDS):
+            body = self._begun()
+            made = Memories(self.desk, self._remember)
+            for key, memory in known.items():
+                body.state.kept[key] = made.begun(memory, partial(self._left, body, key))
+            results = self._run(body)
+            more = later(self.desk, body.state.kept, known)
+            if not more:
+                return results
+            known |= more
+        raise CodeError("its persistent variables do not settle")
 
     def _begun(self) -> Body:
         """The code before its call, with what the data stores hold that it uses."""

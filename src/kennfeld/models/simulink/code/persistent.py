@@ -5,8 +5,8 @@ numbers or parameters, that is what the memory starts with, and the decision is 
 x has a value already.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -20,7 +20,7 @@ from kennfeld.models.simulink.code.joining import State
 from kennfeld.models.simulink.code.values import Held, Partial, Unclear, leaves, rebuilt
 from kennfeld.models.simulink.signals import Nodes
 
-__all__ = ["Key", "Memory", "Scout", "begun", "declares", "memories"]
+__all__ = ["Key", "Memories", "Memory", "Scout", "declares", "later", "memories"]
 
 Key: TypeAlias = tuple[str, str]
 Remember: TypeAlias = Callable[[Nodes, Callable[[], Nodes]], Nodes]
@@ -38,10 +38,14 @@ def declares(statements: object) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """A persistent variable after the first call: its value, what it starts with if that is fixed."""
+    """A persistent variable after the first call: its value, what it starts with if that is fixed.
+
+    `always` says that the first call gives it a value for certain.
+    """
 
     last: Held
     start: Held | None
+    always: bool = True
 
 
 @dataclass(eq=False)
@@ -68,13 +72,9 @@ class Scout:
             self.starts[frame.name, name] = names[name]
         self.asked += asked
 
-    def unset(self, held: Held | None) -> bool:
-        """Whether a variable has no value for certain."""
-        return isinstance(held, Partial) and self.desk.loom.value(held.defined) == 0.0
-
     def _is_start(self, name: str, before: State) -> bool:
         old, new = before.names.get(name), self.body.names[name]
-        if not self.unset(old) or isinstance(new, Partial | Unclear):
+        if not unset(self.desk, old) or isinstance(new, Partial | Unclear):
             return False
         nodes = [int(node) for part in leaves(new) for node in part.ravel()]
         return all(self.desk.constant(node) is not None for node in nodes)
@@ -96,8 +96,20 @@ def memories(scout: Scout, kept: dict[Key, Held], questions: int) -> dict[Key, M
     return {
         key: _memory(key, held, scout.starts.get(key) if plain else None)
         for key, held in kept.items()
-        if key[0] != GLOBAL and not scout.unset(held)
+        if key[0] != GLOBAL and not unset(scout.desk, held)
     }
+
+
+def later(desk: Desk, kept: Mapping[Key, Held], known: Mapping[Key, Memory]) -> dict[Key, Memory]:
+    """Persistent variables that only a later call gives values to."""
+    found = {key: held for key, held in kept.items() if key not in known and key[0] != GLOBAL}
+    made = {key: _memory(key, held, None) for key, held in found.items() if not unset(desk, held)}
+    return {key: replace(one, always=False) for key, one in made.items()}
+
+
+def unset(desk: Desk, held: Held | None) -> bool:
+    """Whether a variable has no value for certain."""
+    return isinstance(held, Partial) and desk.loom.value(held.defined) == 0.0
 
 
 def _memory(key: Key, held: Held, start: Held | None) -> Memory:
@@ -106,40 +118,55 @@ def _memory(key: Key, held: Held, start: Held | None) -> Memory:
         raise CodeError(value.why, value.mend)
     if start is not None and _sizes(start) != _sizes(value):
         raise CodeError(f"the size of the persistent variable {key[1]} changes", "Give it its full size at first.")
-    return Memory(value, start)
+    return Memory(value, start, not isinstance(held, Partial))
 
 
 def _sizes(held: Held) -> list[tuple[int, ...]]:
     return [part.shape for part in leaves(held)]
 
 
-def begun(desk: Desk, memory: Memory, remember: Remember, end: Callable[[], Held | None]) -> Held:
-    """A persistent variable as a call finds it; `end` is what the call leaves."""
-    loom, zero = desk.loom, desk.loom.const(0.0)
-    first = memory.start if memory.start is not None else memory.last
-    blank = memory.start is None
+class Memories:
+    """The persistent variables of a block as a call finds them; `remember` makes a memory of what a call leaves."""
 
-    def left() -> list[Nodes]:
-        held = end()
-        value = held.value if isinstance(held, Partial) else held
-        if value is None or _sizes(value) != _sizes(memory.last):
-            raise CodeError("the size of a persistent variable changes", "Give it its full size at first.")
-        return list(leaves(value))
+    def __init__(self, desk: Desk, remember: Remember) -> None:
+        self.desk, self.remember = desk, remember
+        self._called: int | None = None
 
-    def one(at: int) -> Nodes:
-        return left()[at]
+    def begun(self, memory: Memory, end: Callable[[], Held | None]) -> Held:
+        """A variable as a call finds it; `end` is what the call leaves."""
+        first = memory.last if memory.start is None else memory.start
+        zero = self.desk.loom.const(0.0)
+        arrays = [
+            self.remember(
+                np.full(part.shape, zero, dtype=np.int64) if memory.start is None else np.asarray(part),
+                partial(_left, memory, end, at),
+            )
+            for at, part in enumerate(leaves(first))
+        ]
+        read = rebuilt(memory.last, iter(arrays))
+        return read if memory.start is not None else Partial(read, self._has_value(memory, end))
 
-    arrays = [
-        remember(np.full(part.shape, zero, dtype=np.int64) if blank else np.asarray(part), partial(one, at))
-        for at, part in enumerate(leaves(first))
-    ]
-    read = rebuilt(memory.last, iter(arrays))
-    if not blank:
-        return read
+    def _has_value(self, memory: Memory, end: Callable[[], Held | None]) -> int:
+        """The node that says whether a variable has a value; one for all that the first call gives values to."""
+        loom = self.desk.loom
 
-    def has_value() -> Nodes:
-        held = end()
-        defined = held.defined if isinstance(held, Partial) else loom.const(1.0)
-        return np.array([[defined]], dtype=np.int64)
+        def has_value() -> Nodes:
+            held = end()
+            defined = held.defined if isinstance(held, Partial) and not memory.always else loom.const(1.0)
+            return np.array([[defined]], dtype=np.int64)
 
-    return Partial(read, int(remember(np.array([[zero]], dtype=np.int64), has_value).item()))
+        if memory.always and self._called is not None:
+            return self._called
+        made = int(self.remember(np.array([[loom.const(0.0)]], dtype=np.int64), has_value).item())
+        if memory.always:
+            self._called = made
+        return made
+
+
+def _left(memory: Memory, end: Callable[[], Held | None], at: int) -> Nodes:
+    """One array of what a call leaves."""
+    held = end()
+    value = held.value if isinstance(held, Partial) else held
+    if value is None or _sizes(value) != _sizes(memory.last):
+        raise CodeError("the size of a persistent variable changes", "Give it its full size at first.")
+    return list(leaves(value))[at]
