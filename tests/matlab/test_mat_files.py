@@ -313,7 +313,7 @@ def test_garbled_files_are_read_as_far_as_they_go(version):
         del given["S"]
     whole, chance = saved(given, format="4" if version == "4" else "5", do_compression=version == "7"), random.Random(5)
     read = 0
-    for _ in range(1500):
+    for _ in range(500):
         raw = bytearray(whole)
         for _ in range(chance.choice((1, 2, 8))):
             raw[chance.randrange(0 if version == "4" else 128, len(raw))] = chance.choice(
@@ -323,4 +323,4 @@ def test_garbled_files_are_read_as_far_as_they_go(version):
             del raw[chance.randrange(130, len(raw)) :]
         found = loaded_of(bytes(raw), 10_000_000).variables
         read += any(isinstance(node, Numbers | Text | Struct) for node in found.values())
-    assert read > 500
+    assert read > 150

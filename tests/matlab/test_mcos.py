@@ -5,13 +5,16 @@ import struct
 import tracemalloc
 import zlib
 
+import h5py
 import numpy as np
 import pytest
+from matlab_files import save73
 from simulink_data import OPAQUE, UINT8, Store, Thing, element, matfile, mxarray, numbers, struct_of
 
 from kennfeld.matlab.data import loaded_of
 from kennfeld.matlab.mcos import workspace
 from kennfeld.matlab.tree import Cells, DamageError, Node, Struct, Structs, Text, Unreadable
+from kennfeld.matlab.v5 import elements_from
 
 TAG = np.array([0xDD000000], "<u4").tobytes()
 SIMULINK = "Simulink.Parameter"
@@ -109,6 +112,17 @@ def test_objects_that_hold_each_other_end():
     assert "too deeply" in node.why
 
 
+def test_objects_that_know_each_other_in_many_ways_are_opened_once_each():
+    inner = {name: Thing("A.B", {"K": 2.0}) for name in "abcd"}
+    raw = bytearray(mxarray({"P": Thing("A.B", {"K": 1.0, **inner})}))
+    outer, at = int.from_bytes(raw[raw.index(TAG) + 16 : raw.index(TAG) + 20], "little"), raw.index(TAG)
+    while (at := raw.find(TAG, at + 1)) >= 0:
+        raw[at + 16 : at + 20] = outer.to_bytes(4, "little")
+    fields = workspace(bytes(raw)).variables["P"].fields
+    assert fields["K"].values.item() == 1.0
+    assert all("hold each other" in fields[name].why for name in "abcd")
+
+
 def test_structs_may_be_as_deep_as_a_file_can_hold():
     inner = {"K": 1.0}
     for _ in range(40):
@@ -165,6 +179,56 @@ def test_a_workspace_whose_only_array_is_damaged_says_so():
     assert found.lost
 
 
+def save_objects73(path, things):
+    """Objects as MATLAB lays them out in HDF5: their properties, numbers and texts, in a cell array of their own."""
+    store = Store()
+    numbered = {name: store.reference([thing]) for name, thing in things.items()}
+    subsystem = np.frombuffer(store.written(), np.uint8)
+    wrapper = elements_from(memoryview(subsystem.tobytes()), 8, "<").further[0].fields["MCOS"].reference
+    given = [value for thing in things.values() for value in thing.properties.values()]
+    cells = (wrapper.cells[0].values, np.zeros((1, 1)), *given, *[np.zeros((1, 1))] * 3)
+    save73(path, {"K": 2.5, "cells": cells})
+    with h5py.File(path, "r+") as file:
+        file.move("cells", "#subsystem#/MCOS")
+        file["#subsystem#/MCOS"].attrs["MATLAB_class"] = np.bytes_("FileWrapper__")
+        file["#subsystem#/MCOS"].attrs["MATLAB_object_decode"] = np.int32(3)
+        for name, numbers_ in numbered.items():
+            file[name] = np.array([numbers_], np.uint32)
+            file[name].attrs["MATLAB_class"] = np.bytes_(things[name].kind)
+            file[name].attrs["MATLAB_object_decode"] = np.int32(3)
+    return path.read_bytes()
+
+
+def test_objects_of_the_newest_version_are_opened(tmp_path):
+    things = {"P": parameter(3.0, Unit="Nm", Max=9.0), "S": Thing("Simulink.Signal", {"Min": -1.0})}
+    found = loaded_of(save_objects73(tmp_path / "a.mat", things)).whole().variables
+    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, Text("Nm"))
+    assert [found["P"].fields[name].values.item() for name in ("Value", "Max")] == [3.0, 9.0]
+    assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
+    assert (found["K"].values.item(), set(found)) == (2.5, {"K", "P", "S"})
+
+
+def test_objects_of_the_newest_version_without_properties_leave_the_plain_variables(tmp_path):
+    save_objects73(tmp_path / "a.mat", {"P": parameter(3.0)})
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        del file["#subsystem#"]
+    found = loaded_of((tmp_path / "a.mat").read_bytes()).whole().variables
+    assert (found["K"].values.item(), found["P"].why) == (2.5, "the file does not hold its properties")
+
+
+@pytest.mark.parametrize(
+    ("kind", "node"),
+    [("cell", Cells([], (0, 1))), ("struct", Structs([], (0, 1))), ("char", Text("")), ("double", (0, 1))],
+)
+def test_empty_arrays_of_the_newest_version_keep_their_kind_and_size(kind, node, tmp_path):
+    save73(tmp_path / "a.mat", {"K": 1.0})
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        file["e"] = np.array([0, 1], np.uint64)
+        file["e"].attrs["MATLAB_class"], file["e"].attrs["MATLAB_empty"] = np.bytes_(kind), np.uint8(1)
+    found = loaded_of((tmp_path / "a.mat").read_bytes()).variables["e"]
+    assert (found.values.shape if kind == "double" else found) == node
+
+
 def nodes(node: Node):
     yield node
     inner = node.cells if isinstance(node, Cells) else node.elements if isinstance(node, Structs) else ()
@@ -175,7 +239,7 @@ def nodes(node: Node):
 def test_garbled_workspaces_are_read_as_far_as_they_go():
     plain = {"K": 2.5, "M": np.arange(12.0), "S": {"a": 1.0, "b": {"c": [[1.0, 2.0]]}}, "name": "turbo"}
     whole, chance, read = mxarray({**plain, "P": parameter(1.0, Min=0.0), "L": table()}), random.Random(3), 0
-    for _ in range(1500):
+    for _ in range(500):
         raw = bytearray(whole)
         for _ in range(chance.choice((1, 2, 8))):
             raw[chance.randrange(8, len(raw))] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
@@ -186,4 +250,4 @@ def test_garbled_workspaces_are_read_as_far_as_they_go():
         except DamageError:
             continue
         read += any(not isinstance(one, Unreadable) for node in found.values() for one in nodes(node))
-    assert read > 500
+    assert read > 150

@@ -67,3 +67,17 @@ def _differences(model, columns, name, output, dt):
             found.append(run(model, columns, dt, changed)[output])
         columns_.append((found[0] - found[1]) / 2e-5)
     return np.stack(columns_, axis=1)
+
+
+def crossings(x):
+    """Where a signal crosses zero as a trigger sees it, rising and falling: it may come to rest at zero on the way."""
+    rising, falling = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+    side = np.sign(x[0])
+    came = 0  # 1 or -1 while at zero that was reached in the step before, from below or above
+    for k in range(1, len(x)):
+        now = np.sign(x[k])
+        rising[k] = (side < 0 <= now) or (side == 0 < now and came != 1)
+        falling[k] = (side > 0 >= now) or (side == 0 > now and came != -1)
+        came = -int(side) if now == 0 else 0
+        side = now
+    return rising, falling

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 from simulink_files import Model
-from simulink_runs import alone, imported, run, slopes
+from simulink_runs import alone, crossings, imported, run, slopes
 
 from kennfeld.errors import InputError
 
@@ -99,6 +99,25 @@ def test_discrete_filters_are_those_of_scipy(b, a, tmp_path):
     np.testing.assert_allclose(found, signal.lfilter(padded, a, U), atol=1e-13)
 
 
+@pytest.mark.parametrize("kind", ["TransferFcn", "DiscreteTransferFcn"])
+def test_a_lag_with_a_named_time_constant_feeds_nothing_through(kind, tmp_path):
+    drawn = Model(step="0.1", solver="ode1")
+    drawn.inport("u")
+    drawn.block(kind, "Lag", ports=(1, 1), Numerator="[1]", Denominator="[tau 1]")
+    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
+    drawn.outport("y")
+    drawn.line("u", "S:1")
+    drawn.chain("S", "Lag", "S:2")
+    drawn.line("Lag", "y")
+    model = imported(drawn, tmp_path, parameters=[{"tau": 2.0}])
+    found, y = run(model, {"u": U})["y"], 0.0
+    for k, u in enumerate(U):
+        assert found[k] == pytest.approx(y, abs=1e-12)
+        y = y + T * (u - 2 * y) / 2 if kind == "TransferFcn" else (u - 2 * y) / 2
+    exact, differences = slopes(model, {"u": U}, "tau", "y")
+    np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-8)
+
+
 def test_a_discrete_state_space_model_is_that_of_scipy(tmp_path):
     A, B, C, D = np.array([[0.5, 0.2], [-0.1, 0.9]]), np.array([[1.0], [0.5]]), np.array([[1.0, -1.0]]), 0.3
     found = first("DiscreteStateSpace", tmp_path, A="[0.5 0.2; -0.1 0.9]", B="[1; 0.5]", C="[1 -1]", D="0.3",
@@ -182,6 +201,23 @@ def test_sources(tmp_path):
     np.testing.assert_array_equal(found["y3"], np.where((k >= 2) & ((k - 2) % 6 < 3), 5, 0))
     np.testing.assert_array_equal(found["y4"], k % 4 < 1)
     np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
+def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
+    drawn = Model(step="0.01", solver="FixedStepDiscrete")
+    scale = 1.0 if units == "Hertz" else 2 * np.pi
+    for form in ("sine", "square"):
+        drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
+                    Units=units)  # fmt: skip
+        drawn.outport(f"y {form}")
+        drawn.line(form, f"y {form}")
+    model = imported(drawn, tmp_path, parameters=[{"A": 2.5}])
+    found, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
+    np.testing.assert_allclose(found["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
+    np.testing.assert_array_equal(found["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
 def test_a_transport_delay_interpolates_between_steps(tmp_path):
@@ -413,7 +449,7 @@ def conditional(port, states="held", output="held", inside="UnitDelay", **option
     return drawn
 
 
-C = np.array([0, 1, 1, 0, -1, 2, 0, 0, 1, 1] * 4, dtype=float)
+C = np.array([0, 1, 1, 0, -1, 2, 0, 0, 1, 1, -1, 0, 3, 0, 0, -2, 0, 0, -1, 0] * 2, dtype=float)
 
 
 @pytest.mark.parametrize("states", ["held", "reset"])
@@ -435,14 +471,23 @@ def test_an_enabled_subsystem_runs_where_its_control_is_above_0(states, output, 
 def test_a_triggered_subsystem_runs_at_the_edges_of_its_control(kind, tmp_path):
     drawn = conditional("TriggerPort", TriggerType=kind)
     found = run(imported(drawn, tmp_path), {"u": U, "c": C})["y"]
-    y, z, last = -1.0, 0.0, np.sign(C[0])
+    y, z, (up, down) = -1.0, 0.0, crossings(C)
     for k, u in enumerate(U):
-        rising = k > 0 and C[k - 1] <= 0 < C[k]
-        falling = k > 0 and (C[k] <= 0 < C[k - 1] or (C[k - 1] == 0 > C[k] and last <= 0))
-        last = C[k] or last
-        if {"rising": rising, "falling": falling, "either": rising or falling}[kind]:
+        if {"rising": up[k], "falling": down[k], "either": up[k] or down[k]}[kind]:
             y = z = z + u
         assert found[k] == pytest.approx(y, abs=1e-13), k
+
+
+@pytest.mark.parametrize("kind", ["rising", "falling", "either"])
+def test_a_discrete_integrator_is_reset_where_a_signal_begins_or_ceases_to_be_positive(kind, tmp_path):
+    drawn = alone("DiscreteIntegrator", 2, SampleTime="0.1", ExternalReset=kind, InitialCondition="1")
+    found = run(imported(drawn, tmp_path), {"u1": U, "u2": C})["y1"]
+    x = 1.0
+    for k, u in enumerate(U):
+        rising, falling = k > 0 and C[k - 1] <= 0 < C[k], k > 0 and C[k - 1] > 0 >= C[k]
+        x = 1.0 if {"rising": rising, "falling": falling, "either": rising or falling}[kind] else x
+        assert found[k] == pytest.approx(x, abs=1e-13), k
+        x += T * u
 
 
 def test_an_if_block_runs_one_of_its_subsystems_and_merge_takes_the_last(tmp_path):
@@ -514,7 +559,9 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
             "InterpMethod is 'Cubic spline'",
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
-        ("Delay", {"DelayLengthSource": "Input port"}, "DelayLengthSource is 'Input port'"),
+        ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),
+        ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: has no value"),
+        ("SignalGenerator", {"WaveForm": "sawtooth"}, "its wave form is 'sawtooth'"),
     ):
         with pytest.raises(InputError, match=told):
             imported(alone(kind, **options), tmp_path)

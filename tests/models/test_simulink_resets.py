@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run, slopes
+from simulink_runs import crossings, imported, run, slopes
 
 from kennfeld.errors import InputError
 
@@ -43,12 +43,8 @@ def resets(kind, k, r=R):
         return r[k] != 0
     if kind == "level":
         return r[k] != 0 or (k > 0 and r[k - 1] != 0)
-    if k == 0:
-        return False
-    nonzero = [one for one in r[:k] if one]
-    fell = bool(nonzero) and nonzero[-1] > 0
-    rises, falls = r[k - 1] <= 0 < r[k], r[k] <= 0 < r[k - 1] or (r[k - 1] == 0 > r[k] and not fell)
-    return {"rising": rises, "falling": falls, "either": rises or falls}[kind]
+    up, down = crossings(r)
+    return {"rising": up[k], "falling": down[k], "either": up[k] or down[k]}[kind]
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -68,7 +68,7 @@ def loaded_of(content: bytes, most_bytes: int = tree.MOST_BYTES, most_nodes: int
     if not content:
         return tree.Loaded(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return v73.load_all(BytesIO(content), most_bytes, most_nodes)
+        return opened(v73.load_all(BytesIO(content), most_bytes, most_nodes), most_bytes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return v4.load_all(memoryview(content))
     return opened(v5.load_all(memoryview(content), most_bytes, most_nodes), most_bytes)
@@ -101,7 +101,8 @@ def _array(node: tree.Numbers) -> Array:
         return np.asarray(values != 0)
     if node.kind in INTEGERS:
         return values.astype(node.kind)
-    return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
+    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+        return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
 
 
 def _characters(node: tree.Text) -> Array:

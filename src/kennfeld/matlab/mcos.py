@@ -1,4 +1,4 @@
-"""Objects of classes in MATLAB files of version 5: their properties, which stand behind the variables.
+"""Objects of classes in MATLAB files: their properties, which stand behind the variables.
 
 The layout was worked out by the mat-io project: the subsystem, bytes that are again a file with a header of 8 bytes,
 holds a struct with the object FileWrapper__. That is a cell array: its first cell ties names, classes, objects and
@@ -95,7 +95,7 @@ def _behind(further: Sequence[Node], most_bytes: int) -> "Objects":
     why = _ALONE
     for node in further:
         try:
-            cells = _wrapped(node, most_bytes)
+            cells = _wrapped(_subsystem(node, most_bytes))
             if cells is not None:
                 return Objects(cells)
         except DamageError as error:
@@ -103,18 +103,26 @@ def _behind(further: Sequence[Node], most_bytes: int) -> "Objects":
     return Objects(None, why)
 
 
-def _wrapped(subsystem: Node, most_bytes: int) -> Cells | None:
-    """The cells with all that a subsystem knows of objects."""
-    if not isinstance(subsystem, Numbers):
-        return None
-    raw = _bytes(subsystem)
-    order = "<" if raw[2:4] == b"IM" else ">"
-    loaded = elements_from(memoryview(raw), 8, order, most_bytes, _MOST)
+def _subsystem(node: Node, most_bytes: int) -> Node | None:
+    """What stands in the bytes of a subsystem; version 7.3 has it without that wrapping."""
+    if isinstance(node, Unreadable) and node.why:
+        raise DamageError(node.why)
+    if not isinstance(node, Numbers):
+        return node
+    raw = _bytes(node)
+    loaded = elements_from(memoryview(raw), 8, "<" if raw[2:4] == b"IM" else ">", most_bytes, _MOST)
     first = next(iter(loaded.further), None)
-    wrapper = first.fields.get("MCOS") if isinstance(first, Struct) else None
-    cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
-    if cells is None and loaded.damage:
+    if loaded.damage and not isinstance(first, Struct):
         raise DamageError(loaded.damage)
+    return first
+
+
+def _wrapped(subsystem: Node | None) -> Cells | None:
+    """The cells with all that a subsystem knows of objects."""
+    wrapper = subsystem.fields.get("MCOS") if isinstance(subsystem, Struct) else None
+    cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
+    if isinstance(wrapper, Unreadable) and wrapper.why:
+        raise DamageError(wrapper.why)
     return cells if isinstance(cells, Cells) else None
 
 
@@ -124,6 +132,7 @@ class Objects:
     def __init__(self, cells: Cells | None, why: str = "") -> None:
         self.why = why
         self.left = _MOST
+        self.within: list[int] = []  # the objects around what is opened
         self.cells = cells.cells if cells is not None else []
         if cells is not None:
             self._read()
@@ -180,29 +189,42 @@ class Objects:
         given = numbers[2 + len(sizes) : -1]
         if len(given) != int(np.prod(sizes, dtype=float)) or len(given) > self.left:
             raise DamageError("the numbers of its objects make no sense")
-        made = [self._object(number, numbers[-1], node, depth) for number in given]
+        made = [self._object(number, numbers[-1], depth) for number in given]
         if len(made) == 1:
             return made[0]
         structs = [one for one in made if isinstance(one, Struct)]
         return Structs(structs, tuple(sizes)) if len(structs) == len(made) else node
 
-    def _object(self, number: int, of: int, node: Unreadable, depth: int) -> Node:
+    def _object(self, number: int, of: int, depth: int) -> Node:
         if not 0 < number < len(self.objects):
             raise DamageError(f"it holds no object {number}")
+        if number in self.within:
+            raise DamageError("its objects hold each other too deeply")
         class_, _, _, stored, plain, _ = self.objects[number]
-        kind = class_ or of
-        if not 0 < kind < len(self.classes):
-            raise DamageError(f"it holds no class {kind}")
         block = self._block(self.stored, stored) if stored else self._block(self.plain, plain)
-        fields = dict(self._defaults(kind))
+        fields = dict(self._defaults(class_ or of)) | self._stated(block)
+        self.within.append(number)
+        try:
+            return Struct(
+                {name: self.told(inner, depth + 1) for name, inner in fields.items()}, self._class(class_ or of)
+            )
+        finally:
+            self.within.pop()
+
+    def _class(self, number: int) -> str:
+        if not 0 < number < len(self.classes):
+            raise DamageError(f"it holds no class {number}")
+        return ".".join(part for part in map(self._name, self.classes[number][:2]) if part)
+
+    def _stated(self, block: list[tuple[int, int, int]]) -> dict[str, Node]:
+        """What an object says of itself."""
+        fields: dict[str, Node] = {}
         for name, sort, at in block:
             if sort == _VALUE:
                 fields[self._name(name)] = self._cell(at)
             elif sort == _NAME:
                 fields[self._name(name)] = Text(self._name(at))
-        package, own = self.classes[kind][:2]
-        said = ".".join(part for part in (self._name(package), self._name(own)) if part)
-        return Struct({name: self.told(inner, depth + 1) for name, inner in fields.items()}, said)
+        return fields
 
     def _cell(self, at: int) -> Node:
         if not 0 <= at < len(self.cells) - 2:
@@ -211,7 +233,7 @@ class Objects:
 
     def _defaults(self, kind: int) -> Mapping[str, Node]:
         table = self.cells[-1]
-        given = table.cells[kind] if isinstance(table, Cells) and kind < len(table.cells) else None
+        given = table.cells[kind] if isinstance(table, Cells) and 0 < kind < len(table.cells) else None
         return given.fields if isinstance(given, Struct) else {}
 
     def _name(self, index: int) -> str:

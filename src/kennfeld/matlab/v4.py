@@ -30,7 +30,8 @@ def load_all(content: memoryview) -> Loaded:
     try:
         while any(content[at : at + 20]):
             name, values, form, at = _array(content, at)
-            node, left = _node(values, form, left)
+            with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+                node, left = _node(values, form, left)
             found.variables[name] = node
             found.damage = found.damage or (node.why if isinstance(node, Unreadable) else "")
     except DamageError as error:
@@ -74,7 +75,8 @@ def _node(values: NDArray[Any], form: int, left: int) -> tuple[Node, int]:
 
 def _sparse(triples: NDArray[np.float64], left: int) -> Node:
     """A sparse matrix: a line of row, column and number for each of its numbers, the last one with its size."""
-    known = triples.size and triples.shape[1] == 3 and np.all(np.floor(triples[:, :2]) == triples[:, :2])
+    known = triples.size and triples.shape[1] == 3 and np.all(np.isfinite(triples[:, :2]))
+    known = known and np.all(np.floor(triples[:, :2]) == triples[:, :2])
     places, shape = (triples[:-1, :2], triples[-1, :2]) if known else (triples, np.full(2, -1))
     if min(shape) < 0 or not np.all((places >= 1) & (places <= shape)):
         raise DamageError("the rows of a sparse matrix make no sense")

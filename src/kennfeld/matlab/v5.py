@@ -45,7 +45,7 @@ _CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
 _CODES = (2, 3, 4, 5, 6)  # the types in which characters stand as numbers
 _DEEPEST = 50
 _MOST_DIMENSIONS = 32
-_MOST_CLAIMED = 2**60  # values of an array that may be empty
+_MOST_CLAIMED = 2**48  # values of an array that may be empty
 
 
 def load(content: memoryview) -> dict[str, Node]:
@@ -144,14 +144,12 @@ class _Reader:
             if not content:
                 return "", Numbers(np.empty((0, 0)))
             parts = self._elements(content)
-            _, flags = self._next(parts, "flags")
-            (said,) = struct.unpack(f"{self.order}I", flags[:4].tobytes().ljust(4, b"\0"))
-            kind = said & 0xFF
-            if kind == _OPAQUE:
+            flags = self._flags(parts)
+            if flags & 0xFF == _OPAQUE:
                 return self._opaque(list(parts), depth)
             shape = self._shape(parts)
             name = _text(*self._next(parts, "name"))
-            return name, self._content(kind, said, shape, parts, depth)
+            return name, self._content(flags & 0xFF, flags, shape, parts, depth)
         except TooManyError:
             raise
         except DamageError as error:
@@ -162,6 +160,10 @@ class _Reader:
         self.count += more
         if self.count > self.most:
             raise TooManyError(f"it holds more than {self.most} arrays")
+
+    def _flags(self, parts: Iterator[tuple[int, memoryview]]) -> int:
+        _, raw = self._next(parts, "flags")
+        return int.from_bytes(raw[:4].tobytes().ljust(4, b"\0"), "little" if self.order == "<" else "big")
 
     def _shape(self, parts: Iterator[tuple[int, memoryview]]) -> tuple[int, ...]:
         _, sizes = self._next(parts, "dimensions")

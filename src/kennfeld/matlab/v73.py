@@ -4,6 +4,7 @@ MATLAB turns arrays around, so that the first dimension is the last one of the f
 structs a group of datasets with references, a cell array one dataset of them; MATLAB_class, an attribute, is the kind.
 """
 
+import math
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,26 +31,36 @@ from kennfeld.matlab.tree import (
 __all__ = ["is_matlab", "load", "load_all"]
 
 _DEEPEST = 50
+_MOST_DIMENSIONS = 32
+_MOST_CLAIMED = 2**48  # values of an array that is empty
+_OBJECTS = "#subsystem#/MCOS"
 _NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
 def load(path: Path | BinaryIO, most_bytes: int = MOST_BYTES) -> dict[str, Node]:
     """The variables of a file; `DamageError` where it claims what it cannot hold."""
-    return load_all(path, most_bytes).whole().variables
+    return _loaded(path, _Loader(most_bytes, MOST_NODES), False).whole().variables
 
 
 def load_all(path: Path | BinaryIO, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> Loaded:
-    """The variables of a file, the damaged ones among them."""
+    """The variables of a file, the damaged ones among them, and where objects keep their properties."""
+    return _loaded(path, _Loader(most_bytes, most_nodes), True)
+
+
+def _loaded(path: Path | BinaryIO, loader: "_Loader", behind: bool) -> Loaded:
     import h5py
 
-    found, loader = Loaded(), _Loader(most_bytes, most_nodes)
+    found = Loaded()
     try:
         with h5py.File(path, "r") as file:
             for name, item in _own(file):
                 found.variables[name] = loader.variable(item)
+            found.damage = loader.damage
+            if behind:
+                found.further += loader.behind(file)
     except Exception as error:  # of many kinds: the library trusts what it reads
+        found.damage = loader.damage
         found.lose(_said(error))
-    found.damage = found.damage or loader.damage
     return found
 
 
@@ -95,6 +106,20 @@ class _Loader:
             self.damage = self.damage or _said(error)
             return Unreadable("damaged value", why=_said(error))
 
+    def behind(self, file: Any) -> list[Node]:
+        """The properties of all objects, in the form that they have in version 5."""
+        import h5py
+
+        wrapper = file.get(_OBJECTS, None)
+        if not isinstance(wrapper, h5py.Dataset) or not _refers(wrapper):
+            return []
+        try:
+            targets = self._targets(wrapper)
+            cells = [self.variable(file[one]) if one else Unreadable("nothing") for one in targets]
+        except Exception as error:  # of many kinds: the library trusts what it reads
+            return [Unreadable("damaged value", why=_said(error))]
+        return [Struct({"MCOS": Unreadable("FileWrapper__", Cells(cells, (len(cells), 1)))})]
+
     def _node(self, item: Any, depth: int) -> Node:
         import h5py
 
@@ -104,13 +129,24 @@ class _Loader:
         if depth > _DEEPEST:
             raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
         kind = _class(item)
-        if "MATLAB_object_decode" in item.attrs and kind != "function_handle":
-            return Unreadable(kind or "object")
+        if "MATLAB_object_decode" in item.attrs:
+            return self._object(item, kind or "object")
         if isinstance(item, h5py.Group):
             return self._sparse(item, kind) if "MATLAB_sparse" in item.attrs else self._struct(item, depth)
         if not isinstance(item, h5py.Dataset):
             return Unreadable(kind or "object")
         return self._dataset(item, kind, depth)
+
+    def _object(self, item: Any, kind: str) -> Node:
+        """An object: its class, and the numbers by which its properties are found."""
+        import h5py
+
+        if kind == "function_handle":
+            return Unreadable("function handle")
+        if not isinstance(item, h5py.Dataset) or item.dtype.kind != "u":
+            return Unreadable(kind, why="it is an enumeration or an object without numbers")
+        self._check(item)
+        return Unreadable(kind, Numbers(np.asarray(item[()]).T, True, "uint32"))
 
     def _sparse(self, group: Any, kind: str) -> Node:
         """A sparse matrix: where its columns begin; its rows and numbers are not there where all of it is 0."""
@@ -158,7 +194,7 @@ class _Loader:
 
     def _dataset(self, dataset: Any, kind: str, depth: int) -> Node:
         if dataset.attrs.get("MATLAB_empty", 0):
-            return Text("") if kind == "char" else Numbers(np.empty((0, 0)))
+            return self._empty(dataset, kind)
         if _refers(dataset):
             return Cells(
                 [self._reference(dataset, target, depth) for target in self._targets(dataset)], dataset.shape[::-1]
@@ -173,6 +209,19 @@ class _Loader:
             letters = "".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist()))
             return text_in_rows(letters, values.shape[0] if values.ndim > 1 else 1)
         return Numbers(values, kind not in ("double", "single", ""), kind)
+
+    def _empty(self, dataset: Any, kind: str) -> Node:
+        """An empty array, which says its size instead of its numbers; a struct without fields is kept like one."""
+        shape = tuple(int(n) for n in np.ravel(dataset[()])) if 2 <= dataset.size <= _MOST_DIMENSIONS else (0, 0)
+        if kind == "char":
+            return Text("")
+        if kind == "struct":
+            return Struct() if math.prod(shape) == 1 else Structs([], shape)
+        if kind == "cell":
+            return Cells([], shape)
+        known = min(shape) == 0 and math.prod(filter(None, shape)) < _MOST_CLAIMED
+        name = kind if kind in _NUMBERS else ""
+        return Numbers(np.empty(shape if known else (0, 0)), name not in ("double", "single", ""), name)
 
     def _check(self, dataset: Any) -> None:
         """Refuse what the file cannot hold; the library would ask for that memory."""

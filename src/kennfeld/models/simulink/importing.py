@@ -14,9 +14,10 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.blocktypes.registry import KINDS
-from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
+from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.code.files import FunctionFiles
+from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -25,7 +26,7 @@ from kennfeld.models.simulink.libraries import Libraries
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
-from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
 from kennfeld.models.simulink.tree import Block, Document, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
@@ -34,8 +35,17 @@ from kennfeld.models.simulink.variants import content
 __all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
-_SHOWING = ("Scope", "Floating Scope", "Display", "ToFile", "XYGraph")
-_CONTINUOUS = {"Integrator", "TransferFcn", "StateSpace", "PID 1dof"}
+_MOST_ATTEMPTS = 20  # to count passes within passes
+_MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
+_CONTINUOUS = {
+    "Integrator",
+    "PID 1dof",
+    "PID 2dof",
+    "SecondOrderIntegrator",
+    "StateSpace",
+    "TransferFcn",
+    "ZeroPole",
+}
 
 
 @dataclass(frozen=True)
@@ -84,7 +94,7 @@ def import_simulink(
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
     cuts = _cuts(opened.path, bind or {}, prefix)
-    return Work(opened, opened.flat(system, scope, cuts), cuts, frozenset(promote), step).imported()
+    return Work(opened, system, scope, cuts, frozenset(promote), step).imported()
 
 
 @dataclass(frozen=True)
@@ -108,8 +118,9 @@ class Opened:
         resolved = Libraries(folders).resolve(read_document(path))
         document = resolved.document
         variables = variables_of(document, parameters)
-        models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
+        models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
         remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        variables.update(asked(document, variables))
         named = [Path(one) for one in parameters if isinstance(one, str | Path)]
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
         return Opened(Path(path), document, variables, models, remarks, files)
@@ -135,12 +146,24 @@ class Opened:
         except NoValueError as error:
             raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
 
-    def flat(self, system: System, scope: Scope, cuts: Mapping[str, str] = MappingProxyType({})) -> Flat:
+    def flat(
+        self,
+        system: System,
+        scope: Scope,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        counts: Mapping[str, int] = MappingProxyType({}),
+    ) -> Flat:
         """The blocks of one of its systems; raises `InputError` where there are too many."""
         try:
-            return flatten(system, scope, cuts, frozenset(KINDS), self.models)
+            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS), counts)
         except OverflowError as error:
             raise InputError.of(self.path.name, str(error)) from None
+
+
+def _seen(document: Document, around: Variables) -> dict[str, Variable]:
+    """The names that a referenced model sees: its own, then those of the model around it."""
+    own = variables_of(document, ())
+    return {**around, **own, **asked(document, own)}
 
 
 def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
@@ -163,23 +186,31 @@ class Work:
     def __init__(
         self,
         opened: Opened,
-        flat: Flat,
+        system: System,
+        scope: Scope,
         cuts: Mapping[str, str] = MappingProxyType({}),
         promote: frozenset[str] = frozenset(),
         step: float | None = None,
     ) -> None:
         self.path, self.document, self.variables = opened.path, opened.document, opened.variables
-        self.flat, self.cuts, self.promote, self.files = flat, cuts, promote, opened.files
+        self.cuts, self.promote, self.files = cuts, promote, opened.files
+        self._opened, self._system, self._scope = opened, system, scope
+        self.flat = self._flat({})
         self.remarks = list(opened.remarks)
         self.substitutions: list[str] = []
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
+        self.settings, lost = settings_of(self.document, self.variables)
+        self.substitutions += [lost] if lost else []
         self.solver, self.clock = self._solver()
         if step is not None:
             if not 0 < step < math.inf:
                 raise ArgumentError(f"step={step!r} must be a time in s above 0")
             self.substitutions.append(f"the step is {step:g} s, as asked for")
             self.clock.step = step
+
+    def _flat(self, counts: Mapping[str, int]) -> Flat:
+        return self._opened.flat(self._system, self._scope, self.cuts, counts)
 
     def _check_cuts(self) -> None:
         paths = {atom.path for atom in self.flat.atoms}
@@ -194,7 +225,7 @@ class Work:
 
     def _solver(self) -> tuple[str, Clock]:
         """The solver, and the steps of the model."""
-        given = self.document.solver
+        given = self.settings
         continuous = any(atom.kind in _CONTINUOUS for atom in self.flat.atoms)
         periods = self._periods()
         name = given.name
@@ -213,14 +244,14 @@ class Work:
         return solver, Clock(step, continuous)
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
-        text = self.document.solver.fixed_step.strip()
+        text = self.settings.fixed_step.strip()
         stated = self._number(text) if text not in ("", "auto") else None
         if stated is not None and stated > 0:
             return stated
         common = common_step(periods)
         if common is not None or not continuous:
             return common
-        start, stop = (self._number(text) for text in (self.document.solver.start, self.document.solver.stop))
+        start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
         return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
 
     def _number(self, text: str) -> float | None:
@@ -256,21 +287,43 @@ class Work:
         return Imported(self._model(weaver) if report.whole else None, report)
 
     def woven(self) -> Weaver:
+        """The blocks as a graph; passes whose number depends on signals are counted in a first attempt."""
+        for _ in range(_MOST_ATTEMPTS):
+            weaver = self._attempt()
+            wrong = {path for path, count in weaver.counts.items() if self.flat.counts.get(path) != count}
+            if not wrong:
+                break
+            built = self.flat.counts
+            self.flat = self._flat({**built, **weaver.counts})
+            if self.flat.counts == built:
+                weaver.uncounted(wrong)
+                break
+        return weaver
+
+    def _attempt(self) -> Weaver:
         """The blocks as a graph, with what is recorded where that can be built as well."""
-        outputs = self.flat.outports
-        recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
-        weaver = self._woven(outputs or recorded or self._shown())
-        if outputs and recorded and not self._stops(weaver):
-            more = self._woven([*outputs, *recorded])
+        flat = self.flat
+        weaver = self._woven(flat.results)
+        if not flat.outports and not flat.recorded and self._stops(weaver):
+            weaver = self._shown(weaver)
+        if flat.outports and flat.recorded and not self._stops(weaver):
+            more = self._woven([*flat.outports, *flat.recorded])
             weaver = more if not self._stops(more) else weaver
         return weaver
 
-    def _shown(self) -> list[Atom]:
-        """What shows signals in a model without other outputs: those signals become its outputs."""
-        found = [atom for atom in self.flat.atoms if atom.kind in _SHOWING and any(atom.inputs)]
-        for atom in found:
-            atom.kind = "Shown"
-        return found
+    def _shown(self, weaver: Weaver) -> Weaver:
+        """The model of those scopes and displays whose signals can be built; as it is where there is none."""
+        shown = self.flat.results
+        made = {atom: weaver.outputs(atom) for atom in shown}
+        sound = [atom for atom in shown if made[atom] and all(one.sound for one in made[atom])]
+        if weaver.loops or not sound:
+            return weaver
+        left = self._woven(sound)
+        if self._stops(left):
+            return weaver
+        gone = ", ".join(atom.path for atom in shown if atom not in sound)
+        self.substitutions.append(f"what {gone[:200]} shows is left out, as it cannot be built")
+        return left
 
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:
@@ -299,10 +352,12 @@ class Work:
 
     def report(self, weaver: Weaver) -> ImportReport:
         """What became of the blocks."""
-        atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held") and not atom.made]
+        atoms = [atom for atom in self.flat.atoms if atom.kind not in _MADE and not (atom.hidden or atom.made)]
+        failures: dict[str, Failure] = {}
+        for failure in weaver.failures.values():  # that of one pass stands for those of all
+            failures.setdefault(failure.atom.path, failure)
         unsupported = [
-            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined)
-            for f in weaver.failures.values()
+            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined) for f in failures.values()
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
@@ -311,7 +366,7 @@ class Work:
             if atom.kind not in KINDS and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
-        undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]
+        undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []

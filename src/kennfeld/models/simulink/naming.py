@@ -2,13 +2,12 @@
 
 from kennfeld.graph import CLOCK
 from kennfeld.models.simulink.build import Weaver
-from kennfeld.models.simulink.flatten import Atom, Flat
+from kennfeld.models.simulink.flatten import SHOWING, Atom, Flat
 from kennfeld.models.simulink.signals import leaves
 
 __all__ = ["Names"]
 
-_OUTPUTS = ("Outport", "ToWorkspace", "Shown")
-_WIRES = ("Outport", "Shown", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector")
+RESULTS = ("Outport", "ToWorkspace", *SHOWING)
 
 
 class Names:
@@ -22,9 +21,9 @@ class Names:
         self._taken = {*weaver.inputs, *weaver.declared.parameters, *CLOCK}
         self._inputs = {node for name in weaver.inputs for node in [weaver.loom.input(name)]}
         outputs: list[str] = []
-        for atom in flat.outports or [atom for atom in flat.atoms if atom.kind in ("ToWorkspace", "Shown")]:
-            for port in range(len(weaver.outputs(atom))):
-                outputs += self._add(atom, port, _output_name(atom, port))
+        for atom in flat.results:
+            for number, label in _results(atom) if weaver.outputs(atom) else ():
+                outputs += self._add(atom, number, label)
         self.outputs = tuple(dict.fromkeys(outputs))
         self._inside(flat)
         for name, inport in weaver.inputs.items():
@@ -33,7 +32,10 @@ class Names:
 
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""
-        rest = [atom for atom in flat.atoms if atom.kind not in _WIRES and self.weaver.outputs(atom)]
+        skipped = {"Outport", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector"}
+        skipped |= {"Pass", "Part", *SHOWING}
+        shown = [atom for atom in flat.atoms if atom.kind not in skipped and not atom.hidden]
+        rest = [atom for atom in shown if self.weaver.outputs(atom)]
         for atom in rest:
             for port, name in atom.names.items():
                 if port < len(self.weaver.outputs(atom)):
@@ -51,7 +53,7 @@ class Names:
                 own = key if signal.size == 1 else f"{key}[{at + 1}]"
                 if prefer_path and own in self.visible and self.visible[own] != node:
                     own = atom.path if signal.size == 1 else f"{atom.path}[{at + 1}]"
-                made.append(self._named(own, node, atom, is_output=atom.kind in _OUTPUTS))
+                made.append(self._named(own, node, atom, is_output=atom.kind in RESULTS))
         return made
 
     def _named(self, name: str, node: int, atom: Atom, is_output: bool) -> str:
@@ -72,8 +74,11 @@ class Names:
             self.units[name] = unit
 
 
-def _output_name(atom: Atom, port: int) -> str:
-    if atom.kind == "Shown":
-        source = atom.inputs[port]
-        return atom.taken.get(port) or (source.atom.path if source is not None else atom.path)
-    return atom.block.name if atom.kind == "Outport" else (atom.block.value("VariableName") or atom.path)
+def _results(atom: Atom) -> list[tuple[int, str]]:
+    """The signals of an outport, or of a block that records or shows some, with their names."""
+    if atom.kind == "Outport":
+        return [(0, atom.block.name)]
+    if atom.kind == "ToWorkspace":
+        return [(0, atom.block.value("VariableName") or atom.path)]
+    ports = [(port, source) for port, source in enumerate(atom.inputs) if source is not None]
+    return [(port, atom.taken.get(port) or source.atom.path) for port, source in ports]

@@ -26,8 +26,8 @@ class Rate(NamedTuple):
 
 def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate | None:
     """The sample time that a block states; None where it inherits. Raises `NoValueError`."""
-    default = kind.defaults.get("SampleTime") if kind is not None else None
-    text = _of_chart(atom) or atom.block.value("SampleTime") or default
+    key = kind.sample_of(atom.block) if kind is not None else "SampleTime"
+    text = _of_chart(atom) or atom.block.value(key) or (kind.defaults.get(key) if kind is not None else None)
     if atom.kind == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
         return None
     numbers = expressions.numbers(text, atom.scope).ravel()

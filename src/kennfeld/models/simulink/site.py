@@ -11,7 +11,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions import NoValueError, each
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.flatten import STATE, Atom
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import (
     CONSTANT,
@@ -41,7 +41,7 @@ class Site:
         self.weaver = weaver
         self.atom = atom
         self.kind = weaver.kind(atom)
-        self.memories = 0
+        self.memories = self.before = 0
 
     @property
     def loom(self) -> Loom:
@@ -240,35 +240,64 @@ class Site:
 
     # memory
 
-    def remember(self, init: Signal, then: Then, latency: int = 1) -> Signal:
-        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built."""
+    def remember(self, init: Signal, then: Then, latency: int = 1, ported: bool = False) -> Signal:
+        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built.
+
+        The memory that is `ported` is what the block's state port shows.
+        """
         self.memories += 1
-        return self.weaver.remember(self, self.memories, init, then, latency)
+        return self.weaver.remember(self, STATE if ported else self.memories, init, then, latency)
 
     def integrate(
-        self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None
+        self,
+        init: Signal,
+        slope: Then,
+        reset: Signal | None = None,
+        limits: tuple[Signal, Signal] | None = None,
+        ported: bool = False,
     ) -> Signal:
-        """A continuous state, advanced by the solver."""
+        """A continuous state, advanced by the solver; one that is `ported` is what the block's state port shows."""
         self.memories += 1
-        return self.weaver.integrate(self, self.memories, init, slope, reset, limits)
+        return self.weaver.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
+
+    def wish(self, index: int, shape: tuple[int, ...]) -> None:
+        """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        if source is not None:
+            self.weaver.wish(source.atom, shape)
 
     def edge(self, x: Signal, kind: str) -> Signal:
-        """1 where a signal crosses zero in the way of a trigger: rising, falling, either."""
-        before = self.remember(x, lambda _: x)
-        zero = self.constant(0.0)
-        rising = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
-        if kind == "rising":
-            return rising
-        falling = self._falling(before, x)
-        return self.call("or", rising, falling) if kind == "either" else falling
+        """1 where a signal crosses zero in the way of a trigger: rising, falling, either.
 
-    def _falling(self, before: Signal, x: Signal) -> Signal:
-        """1 where a signal falls to 0 or below; from 0 on only where it has not just fallen to it."""
-        zero = self.constant(0.0)
-        last = self.remember(self.call("sign", x), lambda was: self.select(self.call("ne", x, zero), x, was))
-        rests = self.call("and", self.call("eq", before, zero), self.call("le", last, zero))
-        again = self.call("and", rests, self.call("lt", x, zero))
-        return self.call("or", self.call("and", self.call("gt", before, zero), self.call("le", x, zero)), again)
+        A signal that comes to rest at zero has crossed it; where it leaves zero on the other side, it has so once.
+        """
+        before = self.remember(self.call("sign", x), lambda before: self._side(before, x))
+        zero, one = self.constant(0.0), self.constant(1.0)
+        rests = self.call("eq", x, zero)
+        up = self.call("and", self.call("le", before, zero), self.call("gt", x, zero))
+        down = self.call("and", self.call("ge", before, zero), self.call("lt", x, zero))
+        rising = self.call("or", up, self.call("and", self.call("eq", before, self.constant(-1.0)), rests))
+        falling = self.call("or", down, self.call("and", self.call("eq", before, one), rests))
+        return self._of_kind(kind, rising, falling)
+
+    def _side(self, before: Signal, x: Signal) -> Signal:
+        """The sign of a signal; at zero half of the sign of the way on which it came there in this step."""
+        half = self.call("mul", self.constant(-0.5), before)
+        arrived = self.select(self.call("eq", self.call("abs", before), self.constant(1.0)), half, self.constant(0.0))
+        return self.select(self.call("eq", x, self.constant(0.0)), arrived, self.call("sign", x))
+
+    def sampled_edge(self, x: Signal, kind: str) -> Signal:
+        """1 where a signal begins to be positive (rising), ceases to be so (falling), or does either."""
+        before = self.call("gt", self.remember(x, lambda _: x), self.constant(0.0))
+        now = self.call("gt", x, self.constant(0.0))
+        rising = self.call("and", now, self.call("not", before))
+        falling = self.call("and", before, self.call("not", now))
+        return self._of_kind(kind, rising, falling)
+
+    def _of_kind(self, kind: str, rising: Signal, falling: Signal) -> Signal:
+        if kind == "either":
+            return self.call("or", rising, falling)
+        return rising if kind == "rising" else falling
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kennfeld.arrays import readonly
+from kennfeld.arrays import Float, readonly
 from kennfeld.matlab.data import loaded_of
 from kennfeld.matlab.mcos import single, workspace
 from kennfeld.matlab.tree import Cells, DamageError, Loaded, Node, Numbers, Struct, Structs, Text, Unreadable
@@ -94,7 +94,7 @@ class _Reader:
         """The value of a node; raises `_UnreadError` where it is none of those that are used here."""
         match node:
             case Numbers():
-                return readonly(node.values.astype(np.float64))
+                return _numbers(node)
             case Text():
                 return node.rows or node.text
             case Struct():
@@ -126,6 +126,11 @@ class _Reader:
                 if name in _NEEDED:
                     raise
         return properties
+
+
+def _numbers(node: Numbers) -> Float:
+    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+        return readonly(node.values)
 
 
 def _why(node: Unreadable) -> str:

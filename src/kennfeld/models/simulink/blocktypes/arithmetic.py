@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from kennfeld.models.simulink.blocktypes.matrices import as_matrix, inverse_of
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.expressions import NoValueError, fold, matrix_product, towards_zero
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
@@ -18,6 +19,8 @@ def gain(site: Site) -> Wired:
     if kind.startswith("Element-wise"):
         return site.call("mul", site.parameter("Gain"), u)
     k = site.matrix("Gain")
+    if u.size == 1 < k.shape[1] and "u*K" not in kind:
+        site.wish(0, (k.shape[1],))
     column = u.nodes.reshape(-1, 1) if u.nodes.ndim == 1 else u.nodes
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:
@@ -93,16 +96,13 @@ def product(site: Site) -> Wired:
 
 
 def _matrices(site: Site, signs: str) -> Signal:
-    if "/" in signs and any(one.size != 1 for one, sign in zip(site.inputs, signs, strict=False) if sign == "/"):
-        raise UnsupportedError("it inverts a matrix")
-    made = site.input(0).nodes
-    made = made.reshape(-1, 1) if made.ndim == 1 else made
-    for at, sign in enumerate(signs[1:], 1):
-        other = site.input(at).nodes
-        other = other.reshape(-1, 1) if other.ndim == 1 else other
-        if sign == "/":
-            other = np.array([[site.loom.call("div", site.loom.const(1.0), int(other.item()))]], dtype=np.int64)
-        made = _product(site, made, other)
+    """The inputs multiplied as matrices, those with a slash inverted; vectors are columns."""
+    made: Nodes | None = None
+    for at, sign in enumerate(signs):
+        other = as_matrix(site.input(at))
+        other = inverse_of(site, other) if sign == "/" else other
+        made = other if made is None else _product(site, made, other)
+    assert made is not None
     period = fastest([one.period for one in site.inputs])
     flat = all(one.nodes.ndim == 1 for one in site.inputs) or made.size == 1
     return Signal(as_vector(made) if flat else made, period)
@@ -213,18 +213,37 @@ def rounding(site: Site) -> Wired:
 
 
 @block("Trigonometry", Operator="sin", AngleUnit="radian", SampleTime="-1")
-def trigonometry(site: Site) -> Wired:
+def trigonometry(site: Site) -> Wired | tuple[Wired, ...]:
     """A trigonometric or hyperbolic function."""
     operator, u = site.text("Operator"), site.input()
-    if site.text("AngleUnit") != "radian":
-        raise UnsupportedError(f"AngleUnit is {site.text('AngleUnit')!r}, which is not supported")
+    unit = site.chosen("AngleUnit", "radian", "degree", "revolution")
+    if unit != "radian":
+        return _in_unit(site, operator, _TURNS[unit], u)
+    return _trigonometric(site, operator, u)
+
+
+_TURNS = {"degree": 360.0, "revolution": 1.0}
+
+
+def _in_unit(site: Site, operator: str, turn: float, u: Signal) -> Wired | tuple[Wired, ...]:
+    """A function of an angle that is counted in parts of a turn, or that gives one."""
+    if operator in ("sin", "cos", "tan", "sincos", "cos + jsin"):
+        scale = site.constant(2 * np.pi / turn)
+        return _trigonometric(site, operator, site.call("mul", u, scale))
+    made = _trigonometric(site, operator, u)
+    if operator not in ("asin", "acos", "atan", "atan2") or not isinstance(made, Signal):
+        return made
+    return site.call("mul", made, site.constant(turn / (2 * np.pi)))
+
+
+def _trigonometric(site: Site, operator: str, u: Signal) -> Wired | tuple[Wired, ...]:
     match operator:
         case "sin" | "cos" | "tan" | "asin" | "acos" | "atan" | "sinh" | "cosh" | "tanh":
             return site.call(operator, u)
         case "atan2":
             return site.call("atan2", u, site.input(1))
         case "sincos":
-            return site.call("sin", u), site.call("cos", u)  # type: ignore[return-value]
+            return site.call("sin", u), site.call("cos", u)
         case "asinh":
             root = site.call("sqrt", site.call("add", site.call("mul", u, u), site.constant(1.0)))
             return site.call("log", site.call("add", u, root))

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["reset_signal", "resetting"]
+__all__ = ["applied", "passes", "rational", "reset_signal", "resetting", "scaled", "with_saturation"]
 
 
 def resetting(site: Site) -> str:
@@ -25,11 +25,10 @@ def _integrator_needs(site: Site) -> Iterable[int]:
 @block("Integrator", needs=_integrator_needs, InitialCondition="0", InitialConditionSource="internal",
        ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf", LowerSaturationLimit="-inf",
        ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
-def integrator(site: Site) -> Wired:
+def integrator(site: Site) -> Wired | tuple[Wired, ...]:
     """The integral of the input over time, reset on demand, within limits."""
-    for unusual in ("ShowSaturationPort", "WrapState"):
-        if site.on(unusual):
-            raise UnsupportedError(f"{unusual} is on, which is not supported")
+    if site.on("WrapState"):
+        raise UnsupportedError("WrapState is on, which is not supported")
     kind = resetting(site)
     external = site.text("InitialConditionSource") == "external"
     init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
@@ -37,17 +36,30 @@ def integrator(site: Site) -> Wired:
     if site.on("LimitOutput"):
         limits = (site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit"))
     reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
-    x = site.integrate(init, lambda _: site.input(0), reset, limits)
-    y = x if limits is None else site.clip(x, *limits)
-    return (y, y) if site.on("ShowStatePort") else y  # type: ignore[return-value]
+    x = site.integrate(init, lambda _: site.input(0), reset, limits, ported=True)
+    return with_saturation(site, x if limits is None else site.clip(x, *limits))
 
 
-def reset_signal(site: Site, u: Signal, kind: str) -> Signal:
-    """1 where an external reset takes place."""
+def with_saturation(site: Site, y: Signal) -> Wired | tuple[Wired, ...]:
+    """The output of an integrator, and on demand whether it is at a limit: 1 the upper, -1 the lower."""
+    return (y, _saturated(site, y)) if site.on("ShowSaturationPort") else y
+
+
+def _saturated(site: Site, y: Signal) -> Signal:
+    if not site.on("LimitOutput"):
+        return site.call("mul", site.constant(0.0), y)
+    low, high = site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit")
+    below = site.select(site.call("le", y, low), site.constant(-1.0), site.constant(0.0))
+    return site.select(site.call("ge", y, high), site.constant(1.0), below)
+
+
+def reset_signal(site: Site, u: Signal, kind: str, sampled: bool = False) -> Signal:
+    """1 where an external reset takes place; a `sampled` one looks at no more than whether a signal is positive."""
     u, zero = site.discrete(u), site.constant(0.0)
+    kind = kind.casefold()
     if kind in ("rising", "falling", "either"):
-        return site.edge(u, kind)
-    if kind == "level hold":
+        return site.sampled_edge(u, kind) if sampled else site.edge(u, kind)
+    if kind in ("level hold", "sampled level"):
         return site.call("ne", u, zero)
     if kind == "level":
         before = site.remember(zero, lambda _: u)
@@ -61,11 +73,14 @@ def transfer_function(site: Site) -> Wired:
     numerator, denominator = site.matrix("Numerator"), site.matrix("Denominator").ravel()
     if numerator.shape[0] != 1:
         raise UnsupportedError("its numerator has several rows, for several outputs")
-    order = denominator.size - 1
-    b = _padded(site, [int(n) for n in numerator.ravel()], order + 1)
-    lead = int(denominator[0])
-    a = [_over(site, int(node), lead) for node in denominator[1:]]
-    b = [_over(site, node, lead) for node in b]
+    return rational(site, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
+
+
+def rational(site: Site, numerator: list[int], denominator: list[int]) -> Signal:
+    """The quotient of two polynomials in s, by their coefficients with the highest power first, from zero states."""
+    order = len(denominator) - 1
+    b = [scaled(site, node, denominator[0]) for node in _padded(site, numerator, order + 1)]
+    a = [scaled(site, node, denominator[0]) for node in denominator[1:]]
     if order == 0:
         return site.call("mul", _one(b[0]), site.input())
     A = np.full((order, order), site.loom.const(0.0), dtype=np.int64)
@@ -79,8 +94,14 @@ def transfer_function(site: Site) -> Wired:
 
 
 def _through(site: Site) -> Iterable[int]:
-    """A transfer function passes its input through where its numerator has the order of its denominator."""
-    return (0,) if site.matrix("Numerator").shape[1] >= site.matrix("Denominator").size else ()
+    return (0,) if passes(site) else ()
+
+
+def passes(site: Site) -> bool:
+    """Whether a transfer function passes its input through: its numerator has the order of its denominator."""
+    numerator = site.matrix("Numerator")
+    same_order = numerator.shape[-1] >= site.matrix("Denominator").size
+    return same_order and any(site.loom.value(int(node)) != 0 for node in numerator[..., 0])
 
 
 def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
@@ -89,8 +110,8 @@ def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
     return [site.loom.const(0.0)] * (count - len(nodes)) + nodes
 
 
-def _over(site: Site, node: int, lead: int) -> int:
-    """A coefficient over the leading one; 0 stays 0, so that no path through the block appears where there is none."""
+def scaled(site: Site, node: int, lead: int) -> int:
+    """A coefficient over the leading one; one that is 0 stays 0 whatever that is."""
     return node if site.loom.value(node) == 0 else site.loom.call("div", node, lead)
 
 

@@ -1,10 +1,17 @@
 """Memories that are written at the hits of a sample time."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.continuous import applied, reset_signal, resetting
+from kennfeld.models.simulink.blocktypes.continuous import (
+    applied,
+    passes,
+    reset_signal,
+    resetting,
+    scaled,
+    with_saturation,
+)
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site, Then
@@ -22,53 +29,6 @@ def memory(site: Site) -> Wired:
     """The input of the major step before."""
     init = site.parameter("InitialCondition" if site.atom.block.value("X0") is None else "X0")
     return site.remember(init, lambda _: site.input())
-
-
-def _delay_needs(site: Site) -> Iterable[int]:
-    external = site.text("InitialConditionSource") != "Dialog"
-    return [site.count - 1] if external else [0] if site.text("DelayLength").strip() == "0" else []
-
-
-@block("Delay", needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", InitialCondition="0.0",
-       InitialConditionSource="Dialog", ExternalReset="None", ShowEnablePort="off", SampleTime="-1")  # fmt: skip
-def delay(site: Site) -> Wired:
-    """The input of some hits before."""
-    site.chosen("DelayLengthSource", "Dialog")
-    if site.on("ShowEnablePort") or resetting(site) != "none":
-        raise UnsupportedError("it has an enable or reset port")
-    external = site.text("InitialConditionSource") != "Dialog"
-    init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
-    return _delayed(site, init, site.whole("DelayLength", 0, 100_000))
-
-
-@block(
-    "Integer Delay", "IntegerDelay", needs=nothing, NumDelays="4", vinit="0.0", samptime="-1", InitialCondition="0.0"
-)
-def integer_delay(site: Site) -> Wired:
-    """The input of some hits before, as older files have it."""
-    key = "vinit" if site.atom.block.value("InitialCondition") is None else "InitialCondition"
-    return _delayed(site, site.parameter(key), site.whole("NumDelays", 0, 100_000))
-
-
-def _delayed(site: Site, init: Signal, steps: int) -> Signal:
-    if steps == 0:
-        return site.input()
-    if init.size not in (1, steps):
-        raise UnsupportedError(f"it has {init.size} initial values for a delay of {steps} steps")
-    steady = site.weaver.runs_every_step(site.atom) and init.size == 1
-    if steady:
-        return site.remember(init, lambda _: site.input(), steps)
-    if steps > 2000:
-        raise UnsupportedError(f"a delay of {steps} steps that does not run in every step")
-    firsts = [Signal(np.array([node], dtype=np.int64), init.period) for node in init.flat] * (steps // init.size)
-    chain: list[Signal] = []
-    for at in range(steps):
-        chain.append(site.remember(firsts[at], _next(site, chain, at, steps)))
-    return chain[0]
-
-
-def _next(site: Site, chain: Sequence[Signal], at: int, steps: int) -> Then:
-    return lambda _: chain[at + 1] if at + 1 < steps else site.input()
 
 
 @block("ZeroOrderHold", "Zero-Order Hold", SampleTime="1")
@@ -107,18 +67,20 @@ def _discrete_integrator_needs(site: Site) -> Iterable[int]:
        gainval="1.0", ExternalReset="none", InitialConditionSource="internal", InitialCondition="0",
        InitialConditionSetting="Output", LimitOutput="off", UpperSaturationLimit="inf", LowerSaturationLimit="-inf",
        ShowSaturationPort="off", ShowStatePort="off", SampleTime="1")  # fmt: skip
-def discrete_integrator(site: Site) -> Wired:
+def discrete_integrator(site: Site) -> Wired | tuple[Wired, ...]:
     """K T u added up: with the rectangle before, the one behind, or the trapezium."""
-    for unusual in ("ShowSaturationPort", "ShowStatePort"):
-        if site.on(unusual):
-            raise UnsupportedError(f"{unusual} is on, which is not supported")
     method, accumulates = _method(site)
     external = site.text("InitialConditionSource") == "external"
     init = site.input(site.count - 1) if external else site.parameter("InitialCondition")
     gain = site.parameter("gainval") if accumulates else site.call("mul", site.parameter("gainval"), _step(site))
     kind = resetting(site)
-    reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
-    return _added_up(site, method, gain, init, reset)
+    reset = reset_signal(site, site.input(1), kind, sampled=True) if kind != "none" else None
+    y = with_saturation(site, _added_up(site, method, gain, init, reset))
+    if method == "forward" or not site.on("ShowStatePort"):
+        return y
+    if reset is not None:
+        raise UnsupportedError(f"its state port shows the state before a reset, which is not supported for {method}")
+    return (*y, y[0]) if isinstance(y, tuple) else (y, y)
 
 
 def _step(site: Site) -> Signal:
@@ -143,7 +105,7 @@ def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal
     def then(_: Signal) -> Signal:
         return made[0] if method == "backward" else limited(site.call("add", made[0], increment()))
 
-    x = site.remember(init, then)
+    x = site.remember(init, then, ported=True)
     anew = limited(init)
     y = x if method == "forward" else site.call("add", x, increment())
     if method != "forward" and site.text("InitialConditionSetting") in ("Output", "State and output"):
@@ -155,54 +117,70 @@ def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal
 
 
 def _first_order(site: Site) -> Iterable[int]:
-    """A filter passes its input through where its numerator has the order of its denominator."""
-    return (0,) if site.matrix("Numerator").size >= site.matrix("Denominator").size else ()
+    """A transfer function passes its input through where its numerator has the order of its denominator."""
+    return range(0 if passes(site) else 1, site.count)
+
+
+def _filter_needs(site: Site) -> Iterable[int]:
+    """A filter passes its input through unless the first coefficient of its numerator is 0."""
+    return range(1 if site.loom.value(int(site.matrix("Numerator").ravel()[0])) == 0 else 0, site.count)
 
 
 @block("DiscreteTransferFcn", needs=_first_order, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
-       NumeratorSource="Dialog", DenominatorSource="Dialog", ExternalReset="None", SampleTime="-1")  # fmt: skip
+       NumeratorSource="Dialog", DenominatorSource="Dialog", InitialStatesSource="Dialog", ExternalReset="None",
+       SampleTime="-1")  # fmt: skip
 def discrete_transfer_function(site: Site) -> Wired:
     """b(z)/a(z) in powers of z, the highest first."""
     b, a = _coefficients(site)
     if b.size > a.size:
         raise UnsupportedError("the order of its numerator is above that of its denominator")
     zero = site.loom.const(0.0)
-    return _direct_form(site, [zero] * (a.size - b.size) + b.flat, a.flat)
+    return _filtered(site, [zero] * (a.size - b.size) + b.flat, a.flat)
 
 
-@block("DiscreteFilter", Numerator="[1]", Denominator="[1 0.5]", InitialStates="0", NumeratorSource="Dialog",
-       DenominatorSource="Dialog", ExternalReset="None", SampleTime="-1")  # fmt: skip
+@block("DiscreteFilter", needs=_filter_needs, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
+       NumeratorSource="Dialog", DenominatorSource="Dialog", InitialStatesSource="Dialog", ExternalReset="None",
+       SampleTime="-1")  # fmt: skip
 def discrete_filter(site: Site) -> Wired:
     """b/a in powers of 1/z, the lowest first."""
     b, a = _coefficients(site)
     size = max(b.size, a.size)
     zero = site.loom.const(0.0)
-    return _direct_form(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
+    return _filtered(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
 
 
-@block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", SampleTime="-1",
-       FirFiltStruct="Direct form")  # fmt: skip
+@block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", ExternalReset="None",
+       ShowEnablePort="off", SampleTime="-1")  # fmt: skip
 def fir_filter(site: Site) -> Wired:
     """B in powers of 1/z, the lowest first."""
     site.chosen("CoefSource", "Dialog", "Dialog parameters")
+    if site.on("ShowEnablePort"):
+        raise UnsupportedError("it has an enable port")
     b = site.parameter("Coefficients").flat
-    return _direct_form(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
+    return _filtered(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
 
 
 def _coefficients(site: Site) -> tuple[Signal, Signal]:
     site.chosen("NumeratorSource", "Dialog")
     site.chosen("DenominatorSource", "Dialog")
-    if resetting(site) != "none":
-        raise UnsupportedError("it has a reset port")
+    site.chosen("InitialStatesSource", "Dialog")
     return site.parameter("Numerator"), site.parameter("Denominator")
 
 
-def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
-    """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element."""
+def _filtered(site: Site, b: list[int], a: list[int]) -> Signal:
+    kind = resetting(site)
+    anew = reset_signal(site, site.input(1), kind) if kind != "none" else None
+    return direct_form(site, b, a, site.parameter("InitialStates"), anew)
+
+
+def direct_form(site: Site, b: list[int], a: list[int], inits: Signal, anew: Signal | None = None) -> Signal:
+    """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element.
+
+    `inits` are the states at first, and where they begin `anew`.
+    """
     order = len(a) - 1
     lead = a[0]
-    a, b = ([site.loom.call("div", node, lead) for node in one] for one in (a, b))
-    inits = site.parameter("InitialStates")
+    a, b = ([scaled(site, node, lead) for node in one] for one in (a, b))
     if inits.size not in (1, order) and order:
         raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")
     first = [Signal(np.array([node], dtype=np.int64)) for node in inits.flat] * (order if inits.size == 1 else 1)
@@ -221,6 +199,8 @@ def _direct_form(site: Site, b: list[int], a: list[int]) -> Signal:
         return made[0]
 
     states += [site.remember(first[at], following(at)) for at in range(order)]
+    if anew is not None:
+        states[:] = [site.select(anew, one, state) for one, state in zip(first, states, strict=True)]
     terms = [site.call("mul", _single(node), state) for node, state in zip(b[1:], states, strict=True)]
     if site.loom.value(b[0]) != 0:
         terms.insert(0, site.call("mul", _single(b[0]), current()))

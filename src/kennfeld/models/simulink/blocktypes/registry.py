@@ -10,23 +10,35 @@ from typing import TypeAlias
 
 from kennfeld.models.simulink.signals import Wired
 from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.tree import Block
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
-__all__ = ["KINDS", "Kind", "Needs", "Rule", "UnsupportedError", "block", "nothing"]
+__all__ = ["KINDS", "Kind", "Needs", "Rule", "Sample", "UnsupportedError", "block", "nothing", "opaque"]
 
 Rule: TypeAlias = Callable[[Site], Wired | tuple[Wired, ...]]
 Needs: TypeAlias = Callable[[Site], Iterable[int]] | None
+Sample: TypeAlias = str | Callable[[Block], str]
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all."""
+    """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all.
+
+    `sample` is the parameter that holds its sample time, or says which one does; no parameter is called "". A `linked`
+    type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into.
+    """
 
     name: str
     rule: Rule
     defaults: Mapping[str, str]
     needs: Needs = None
     sink: bool = False
+    sample: Sample = "SampleTime"
+    linked: bool = False
+
+    def sample_of(self, block: Block) -> str:
+        """The parameter that holds a block's sample time."""
+        return self.sample if isinstance(self.sample, str) else self.sample(block)
 
 
 KINDS: dict[str, Kind] = {}
@@ -37,12 +49,24 @@ def nothing(_: Site) -> Iterable[int]:
     return ()
 
 
-def block(*names: str, needs: Needs = None, sink: bool = False, **defaults: str) -> Callable[[Rule], Rule]:
+def opaque() -> frozenset[str]:
+    """The types of masks that are blocks of their own and not looked into."""
+    return frozenset(name for name, kind in KINDS.items() if not kind.linked)
+
+
+def block(
+    *names: str,
+    needs: Needs = None,
+    sink: bool = False,
+    sample: Sample = "SampleTime",
+    linked: bool = False,
+    **defaults: str,
+) -> Callable[[Rule], Rule]:
     """Enter a function as the rule of block types."""
 
     def enter(rule: Rule) -> Rule:
         for name in names:
-            KINDS[name] = Kind(name, rule, defaults, needs, sink)
+            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked)
         return rule
 
     return enter

@@ -1,13 +1,15 @@
 """Signals put together, taken apart and passed on."""
 
-import re
-
 import numpy as np
 
+from kennfeld.models.simulink.blocktypes.places import length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
 from kennfeld.models.simulink.site import Site, cases_of
+
+_LONGEST_PICK = 10_000
+_MOST_COMPARISONS = 100_000
 
 
 @block("SignalConversion", "SignalSpecification", "RateTransition")
@@ -42,6 +44,8 @@ def demux(site: Site) -> tuple[Wired, ...]:
             return tuple(members)
         nodes = [node for _, signal in leaves(wired) for node in signal.flat]
         wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
+    if wired.size == 1 < _outputs(site) and site.numbers("Outputs").size == 1:
+        site.wish(0, (_outputs(site),))
     widths = _widths(site, wired.size)
     ends = np.cumsum(widths)
     flat = np.array(wired.flat, dtype=np.int64)
@@ -165,34 +169,20 @@ def selector(site: Site) -> Wired:
     """Elements of a vector or matrix by their places."""
     x = site.input()
     dimensions = site.whole("NumberOfDimensions", 1, 2)
-    options = _listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
-    given = _listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
+    options = listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
+    given = listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it selects from {dimensions} dimensions of a signal that has {nodes.ndim}")
     port = 1
     for axis, option in enumerate(options[:dimensions]):
         text = given[axis] if axis < len(given) else ""
-        if option == "Index vector (port)":
-            nodes = _picked(site, nodes, axis, port)
+        if option in ("Index vector (port)", "Starting index (port)"):
+            nodes = _picked(site, nodes, axis, _running(site, option, axis, site.input(port)))
             port += 1
         else:
-            nodes = np.take(nodes, _places(site, option, text, nodes.shape[axis], axis), axis=axis)
+            nodes = np.take(nodes, positions(site, option, text, nodes.shape[axis], axis), axis=axis)
     return Signal(nodes, fastest([one.period for one in site.inputs]))
-
-
-def _listed(site: Site, *names: str) -> list[str]:
-    """A setting for each dimension, separated by commas or quoted; the first that the file states."""
-    written = next((text for name in names if (text := site.text(name, ""))), "")
-    quoted = re.findall(r"'([^']*)'", written)
-    parts, depth = [""], 0
-    for sign in written:
-        depth += (sign in "([{") - (sign in ")]}")
-        if sign == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += sign
-    return quoted or [part.strip() for part in parts if part.strip()]
 
 
 def _old_options(site: Site, dimensions: int) -> list[str]:
@@ -202,28 +192,20 @@ def _old_options(site: Site, dimensions: int) -> list[str]:
     return ["Index vector (dialog)"] * dimensions
 
 
-def _places(site: Site, option: str, text: str, size: int, axis: int) -> list[int]:
-    """The places along a dimension, counted from 0."""
-    if option == "Select all":
-        return list(range(size))
-    if option not in ("Index vector (dialog)", "Starting index (dialog)"):
-        raise UnsupportedError(f"it selects by {option!r}, which is not supported")
-    first = 0 if site.text("IndexMode").startswith("Zero") else 1
-    places = [int(n) - first for n in site.evaluated(text).ravel()]
-    if option == "Starting index (dialog)":
-        sizes = _listed(site, "OutputSizes", "OutputSizeArray")
-        count = int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
-        places = list(range(places[0], places[0] + count))
-    if places == [-1 - first]:
-        return list(range(size))
-    if not places or not all(0 <= place < size for place in places):
-        raise UnsupportedError(f"it selects {text[:60]} of {size} elements")
-    return places
+def _running(site: Site, option: str, axis: int, index: Signal) -> Signal:
+    """The places that an input gives; from a starting index, as many as the file says."""
+    if option != "Starting index (port)":
+        return index
+    count = length_of(site, axis)
+    if index.size != 1 or not 1 <= count <= _LONGEST_PICK:
+        raise UnsupportedError(f"it selects {count} elements from {index.size} starting places")
+    return site.call("add", index, site.constant(*map(float, range(count))))
 
 
-def _picked(site: Site, nodes: Nodes, axis: int, port: int) -> Nodes:
+def _picked(site: Site, nodes: Nodes, axis: int, places: Signal) -> Nodes:
     """Elements whose places are signals: one of all, chosen by comparison."""
-    places = site.input(port)
+    if places.size * nodes.size > _MOST_COMPARISONS:
+        raise UnsupportedError(f"{places.size} places that change among {nodes.size} elements are too many")
     first = 0.0 if site.text("IndexMode").startswith("Zero") else 1.0
     slices = [np.take(nodes, at, axis=axis) for at in range(nodes.shape[axis])]
     picked = []

@@ -27,9 +27,15 @@ def _vector(site: Site, name: str) -> Signal:
     return Signal(site.matrix(name), CONSTANT)
 
 
-@block("Clock", "DigitalClock", "Digital Clock", SampleTime="-1")
+@block("Clock", SampleTime="-1")
 def clock(site: Site) -> Wired:
     """The time since the start in s."""
+    return site.time
+
+
+@block("DigitalClock", "Digital Clock", SampleTime="1")
+def digital_clock(site: Site) -> Wired:
+    """The time since the start in s, at the hits of its sample time."""
     return site.time
 
 
@@ -54,14 +60,52 @@ def ramp(site: Site) -> Wired:
 
 
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
-       Phase="0", SampleTime="-1")  # fmt: skip
+       Phase="0", Samples="10", Offset="0", SampleTime="-1")  # fmt: skip
 def sine(site: Site) -> Wired:
-    """The wave amplitude sin(frequency t + phase) + bias."""
-    site.chosen("SineType", "Time based")
-    t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
-    angle = site.call("add", site.call("mul", site.parameter("Frequency"), t), site.parameter("Phase"))
+    """The wave amplitude sin(angle) + bias, its angle frequency t + phase, or 2 pi (hit + offset) / samples."""
+    if site.chosen("SineType", "Time based", "Sample based") == "Sample based":
+        angle = _angle_of_hit(site)
+    else:
+        t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
+        angle = site.call("add", site.call("mul", site.parameter("Frequency"), t), site.parameter("Phase"))
     wave = site.call("mul", site.parameter("Amplitude"), site.call("sin", angle))
     return site.call("add", wave, site.parameter("Bias"))
+
+
+def _angle_of_hit(site: Site) -> Signal:
+    sample = site.weaver.stated_period(site.atom)
+    if sample is None or not 0 < sample < CONSTANT:
+        raise UnsupportedError("it counts samples, and its sample time is inherited")
+    hit = site.call("floor", site.call("add", site.call("div", site.time, site.constant(sample)), site.constant(1e-6)))
+    turns = site.call("div", site.call("add", hit, site.parameter("Offset")), site.parameter("Samples"))
+    return site.call("mul", site.constant(2 * np.pi), turns)
+
+
+@block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
+def chirp(site: Site) -> Wired:
+    """A sine whose frequency rises from f1 at 0 s to f2 at T, and on."""
+    f1, f2, t = site.parameter("f1"), site.parameter("f2"), site.time
+    rate = site.call("div", site.call("sub", f2, f1), site.call("mul", site.constant(2.0), site.parameter("T")))
+    turns = site.call("mul", t, site.call("add", f1, site.call("mul", rate, t)))
+    return site.call("sin", site.call("mul", site.constant(2 * np.pi), turns))
+
+
+@block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
+       TimeSource="Use simulation time")  # fmt: skip
+def generator(site: Site) -> Wired:
+    """A sine wave, or a square wave that begins with its lower half; the others are random, or depend on rounding."""
+    form = site.text("WaveForm")
+    if form not in ("sine", "square"):
+        raise UnsupportedError(f"its wave form is {form[:40]!r}, and only sine and square are supported", _BIND)
+    t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
+    amplitude, frequency, whole = site.parameter("Amplitude"), site.parameter("Frequency"), site.constant(2 * np.pi)
+    in_hertz = site.chosen("Units", "Hertz", "rad/sec") == "Hertz"
+    if form == "sine":
+        angle = site.call("mul", site.call("mul", frequency, whole) if in_hertz else frequency, t)
+        return site.call("mul", amplitude, site.call("sin", angle))
+    turns = site.call("mul", frequency if in_hertz else site.call("div", frequency, whole), t)
+    upper = site.call("ge", site.call("sub", turns, site.call("floor", turns)), site.constant(0.5))
+    return site.select(upper, amplitude, site.call("neg", amplitude))
 
 
 @block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
@@ -87,15 +131,17 @@ def pulses(site: Site) -> Wired:
     return site.weaver.at_major(made)
 
 
-@block("FromWorkspace", "FromFile", "Signal Editor", "SignalGenerator", "RandomNumber", "UniformRandomNumber",
-       "Random Number", "Sigbuilder block", "Repeating table", "Band-Limited White Noise.")  # fmt: skip
+_BIND = "Bind it to a channel of the measurement, which takes its place."
+
+
+@block("FromFile", "FromSpreadsheet", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
+       "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise")  # fmt: skip
 def recorded(site: Site) -> Wired:
     """A signal that is not in the model."""
-    mend = "Bind it to a channel of the measurement, which takes its place."
-    raise UnsupportedError("its signal is recorded or random and not part of the model", mend)
+    raise UnsupportedError("its signal is recorded or random and not part of the model", _BIND)
 
 
-@block("Repeating Sequence Stair", OutValues="[3 1 4 2 1].'", tsamp="-1")
+@block("Repeating Sequence Stair", sample="", OutValues="[3 1 4 2 1].'", tsamp="-1")
 def stairs(site: Site) -> Wired:
     """Values one after the other, again and again."""
     values = site.parameter("OutValues").flat

@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.errors import ArgumentError
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.named import Named, given_table, named, named_text
-from kennfeld.models.simulink.scopes import Array
+from kennfeld.models.simulink.scopes import Array, Variable
 from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
 from kennfeld.parameters import Axis
@@ -122,6 +122,12 @@ def _axis(site: Site, name: str) -> Axis:
 def looked_up(site: Site, table: str, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
     """The table of a field at coordinates, element by element."""
     return _looked_up(site, named(site, table), axes, coordinates, method)
+
+
+def fixed_curve(site: Site, field: str, x: Signal, points: Array, values: Array, method: Method) -> Signal:
+    """A curve through points that no one fits, called by the field that they come from."""
+    held = Variable(values, source="a literal of the block")
+    return _looked_up(site, Named(f"{site.atom.path}:{field}", values, held, False), [Axis(points)], [x], method)
 
 
 def _looked_up(site: Site, found: Named, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:

@@ -1,0 +1,212 @@
+"""Operations on the bits of whole numbers, negative ones as their complement to two.
+
+A graph computes in doubles, where whole numbers up to 2^53 are exact; the bits are those of the whole number below a
+value. Their derivative is 0, but for shifts of values that are no integers.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.blocktypes.words import Word, word_of
+from kennfeld.models.simulink.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.site import Site
+
+_MOST = 2**53  # doubles know all whole numbers up to here
+_PAIRED = 32  # bits of numbers that are both signals
+_STATE = "Let the block that makes its input state an integer type, such as uint16, or bind it."
+
+
+@block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
+       BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
+def bitwise_operator(site: Site) -> Wired:
+    """A logical operation on the bits of the inputs, of the elements of a single one, or of the input and a mask."""
+    kind = site.chosen("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
+    word = _word(site) if kind in ("NOT", "NAND", "NOR") else None
+    inputs = [site.call("floor", one) for one in site.inputs]
+    if kind == "NOT":
+        return _complement(site, inputs[0], word)
+    op = {"NAND": "AND", "NOR": "OR"}.get(kind, kind)
+    if site.on("UseBitMask"):
+        made = _with_mask(site, op, inputs[0], site.numbers("BitMask"))
+    else:
+        made = _folded(site, op, inputs if len(inputs) > 1 else _elements(inputs[0]))
+    return made if word is None else _complement(site, made, word)
+
+
+def _elements(x: Signal) -> list[Signal]:
+    return [Signal(np.array([node], dtype=np.int64), x.period) for node in x.flat]
+
+
+def _word(site: Site) -> Word:
+    """The integer type of the input; a complement and what a shift pushes out depend on it."""
+    word = word_of(site.atom.inputs[0] if site.atom.inputs else None)
+    if word is None:
+        raise UnsupportedError(
+            "its result depends on the integer type of its input, which the file does not say", _STATE
+        )
+    if word.bits > _PAIRED:
+        raise UnsupportedError(f"its input has {word.bits} bits, and doubles are exact up to 53")
+    return word
+
+
+def _complement(site: Site, x: Signal, word: Word | None) -> Signal:
+    assert word is not None
+    top = -1.0 if word.signed else 2.0**word.bits - 1
+    return site.call("sub", site.constant(top), x)
+
+
+def _with_mask(site: Site, op: str, x: Signal, mask: np.ndarray) -> Signal:
+    """An operation of each element with its mask; a single one counts for all."""
+    masks = [_whole(float(one)) for one in mask.ravel(order="F")]
+    if len(masks) not in (1, x.size) and x.size != 1:
+        raise UnsupportedError(f"it has {len(masks)} masks for {x.size} elements")
+    elements = _elements(x) * (len(masks) if x.size == 1 else 1)
+    masks = masks * (len(elements) if len(masks) == 1 else 1)
+    made = [_masked(site, op, one, mask).flat[0] for one, mask in zip(elements, masks, strict=True)]
+    shape = x.shape if len(made) == x.size else (len(made),)
+    return Signal(np.array(made, dtype=np.int64).reshape(shape, order="F"), x.period)
+
+
+def _whole(value: float) -> int:
+    if not (value.is_integer() and abs(value) < _MOST):
+        raise UnsupportedError(f"its mask {value:g} is not a whole number below 2^53")
+    return int(value)
+
+
+def _masked(site: Site, op: str, x: Signal, mask: int) -> Signal:
+    """`x AND m`, from which the others follow: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
+    both = _and(site, x, mask) if mask >= 0 else site.call("sub", x, _and(site, x, -mask - 1))
+    return _from_and(site, op, x, site.constant(float(mask)), both)
+
+
+def _from_and(site: Site, op: str, a: Signal, b: Signal, both: Signal) -> Signal:
+    if op == "AND":
+        return both
+    taken = both if op == "OR" else site.call("mul", site.constant(2.0), both)
+    return site.call("sub", site.call("add", a, b), taken)
+
+
+def _and(site: Site, x: Signal, mask: int) -> Signal:
+    """The bits of x at the ones of a mask that is not negative, one run of ones after the other."""
+    made = site.constant(0.0)
+    for first, count in _runs(mask):
+        made = site.call("add", made, _field(site, x, first, count))
+    return Signal(made.nodes, x.period)
+
+
+def _runs(mask: int) -> Iterator[tuple[int, int]]:
+    """The runs of ones in a mask: where each begins, and how long it is.
+
+    >>> list(_runs(0b11011))
+    [(0, 2), (3, 2)]
+    """
+    at = 0
+    while mask >> at:
+        count = 0
+        while mask >> (at + count) & 1:
+            count += 1
+        if count:
+            yield at, count
+        at += max(count, 1)
+
+
+def _field(site: Site, x: Signal, first: int, count: int) -> Signal:
+    """Some bits of x in their places: 2^first mod(floor(x / 2^first), 2^count)."""
+    low, width = site.constant(2.0**first), site.constant(2.0**count)
+    return site.call("mul", low, site.call("mod", site.call("floor", site.call("div", x, low)), width))
+
+
+def _folded(site: Site, op: str, parts: list[Signal]) -> Signal:
+    made = parts[0]
+    for part in parts[1:]:
+        a, b = site.spread(made, part)
+        nodes = [_paired(site, op, x, y).flat[0] for x, y in zip(_elements(a), _elements(b), strict=True)]
+        period = fastest([a.period, b.period])
+        made = Signal(np.array(nodes, dtype=np.int64).reshape(a.shape, order="F"), period)
+    return made
+
+
+def _paired(site: Site, op: str, a: Signal, b: Signal) -> Signal:
+    """An operation on two signals, bit by bit; on one and a constant by its mask. NaN beyond 32 bits and a sign."""
+    for one, other in ((a, b), (b, a)):
+        value = site.loom.value(one.flat[0])
+        if value is not None:
+            return _masked(site, op, other, _whole(value))
+    zero, both = site.constant(0.0), site.constant(0.0)
+    for at in range(_PAIRED):
+        bit = site.call("mul", _field(site, a, at, 1), _field(site, b, at, 1))
+        both = site.call("add", both, site.call("div", bit, site.constant(2.0**at)))
+    signs = site.call("and", site.call("lt", a, zero), site.call("lt", b, zero))
+    both = site.call("sub", both, site.call("mul", site.constant(2.0**_PAIRED), signs))
+    fits = site.call("and", _fits(site, a), _fits(site, b))
+    return site.select(fits, _from_and(site, op, a, b, both), site.constant(float("nan")))
+
+
+def _fits(site: Site, x: Signal) -> Signal:
+    edge = 2.0**_PAIRED
+    return site.call("and", site.call("ge", x, site.constant(-edge)), site.call("lt", x, site.constant(edge)))
+
+
+@block("Bit Set", linked=True, iBit="0")
+def bit_set(site: Site) -> Wired:
+    """The input with one of its bits set."""
+    x, bit = _bit(site)
+    return site.call("add", x, site.call("sub", site.constant(2.0**bit), _field(site, x, bit, 1)))
+
+
+@block("Bit Clear", linked=True, iBit="0")
+def bit_clear(site: Site) -> Wired:
+    """The input with one of its bits cleared."""
+    x, bit = _bit(site)
+    return site.call("sub", x, _field(site, x, bit, 1))
+
+
+def _bit(site: Site) -> tuple[Signal, int]:
+    """The input and the place of the bit; that of a sign would have another weight."""
+    bit, word = site.whole("iBit", 0, 52), word_of(site.atom.inputs[0] if site.atom.inputs else None)
+    if word is not None and bit >= word.bits - word.signed:
+        raise UnsupportedError(f"bit {bit} is the sign of its input of {word.bits} bits, or beyond it")
+    return site.call("floor", site.input()), bit
+
+
+@block("Shift Arithmetic", linked=True)
+def old_shift(site: Site) -> Wired:
+    """As `shift`, in files before R2009b: to the right by a number of bits, to the left by a negative one."""
+    if site.number("nBinPtShiftRight"):
+        raise UnsupportedError("it shifts the binary point, and number types are left aside")
+    by = site.parameter("nBitShiftRight")
+    return _shifted(site, site.call("floor", site.input(0)), by, "Bidirectional", _word(site))
+
+
+@block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
+       BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
+def shift(site: Site) -> Wired:
+    """The input shifted by some bits: to the right by floor(u / 2^n), to the left by what of u 2^n fits a word."""
+    if site.number("BinPtShiftNumber"):
+        raise UnsupportedError("it shifts the binary point, and number types are left aside")
+    way = site.chosen("BitShiftDirection", "Left", "Right", "Bidirectional")
+    word = _word(site)
+    x = site.call("floor", site.input(0))
+    if site.chosen("BitShiftNumberSource", "Dialog", "Input port") == "Dialog":
+        return _shifted(site, x, site.parameter("BitShiftNumber"), way, word)
+    return _shifted(site, x, site.call("floor", site.input(1)), way, word)
+
+
+def _shifted(site: Site, x: Signal, by: Signal, way: str, word: Word) -> Signal:
+    right = site.call("floor", site.call("div", x, site.call("pow", site.constant(2.0), by)))
+    if way == "Right":
+        return right
+    left = by if way == "Left" else site.call("neg", by)
+    pushed = _wrapped(site, site.call("mul", x, site.call("pow", site.constant(2.0), left)), word)
+    return pushed if way == "Left" else site.select(site.call("lt", by, site.constant(0.0)), pushed, right)
+
+
+def _wrapped(site: Site, x: Signal, word: Word) -> Signal:
+    """What of a number fits into a word."""
+    span = site.constant(2.0**word.bits)
+    if not word.signed:
+        return site.call("mod", x, span)
+    half = site.constant(2.0 ** (word.bits - 1))
+    return site.call("sub", site.call("mod", site.call("add", x, half), span), half)

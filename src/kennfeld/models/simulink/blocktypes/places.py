@@ -1,0 +1,54 @@
+"""The places that a block selects or assigns along the dimensions of an array."""
+
+import re
+
+from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
+from kennfeld.models.simulink.site import Site
+
+__all__ = ["length_of", "listed", "positions", "within"]
+
+
+def listed(site: Site, *names: str) -> list[str]:
+    """A setting for each dimension, separated by commas or quoted; the first that the file states."""
+    written = next((text for name in names if (text := site.text(name, ""))), "")
+    quoted = re.findall(r"'([^']*)'", written)
+    parts, depth = [""], 0
+    for sign in written:
+        depth += (sign in "([{") - (sign in ")]}")
+        if sign == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    return quoted or [part.strip() for part in parts if part.strip()]
+
+
+def positions(site: Site, option: str, text: str, size: int, axis: int, count: int | None = None) -> list[int]:
+    """The places along a dimension of some size, counted from 0.
+
+    From a starting index there are as many as `count`, or as the file says.
+    """
+    if option == "Select all":
+        return list(range(size))
+    if option not in ("Index vector (dialog)", "Starting index (dialog)"):
+        raise UnsupportedError(f"it selects by {option!r}, which is not supported")
+    first = 0 if site.text("IndexMode").startswith("Zero") else 1
+    places = [int(n) - first for n in site.evaluated(text).ravel()]
+    if option == "Starting index (dialog)" and places:
+        length = length_of(site, axis) if count is None else count
+        places = list(range(places[0], places[0] + min(length, size + 1)))
+    elif places == [-1 - first]:
+        return list(range(size))
+    within(places, size, text)
+    return places
+
+
+def length_of(site: Site, axis: int) -> int:
+    """How many elements the file says to take along a dimension."""
+    sizes = listed(site, "OutputSizes", "OutputSizeArray")
+    return int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
+
+
+def within(places: list[int], size: int, text: str) -> None:
+    """Raise `UnsupportedError` where a place is none of an array's."""
+    if not places or not all(0 <= place < size for place in places):
+        raise UnsupportedError(f"it selects {text[:60]} of {size} elements")
