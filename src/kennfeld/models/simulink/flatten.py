@@ -14,8 +14,8 @@ from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.iteration import Plan, element_scope, iterator_of, planned
 from kennfeld.models.simulink.libraries import is_of_simulink
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
+from kennfeld.models.simulink.scopes import Scope, written_names
+from kennfeld.models.simulink.tree import Block, Endpoint, Ports, System, joined, split
 from kennfeld.models.simulink.variants import active, is_variant, labels_of, member, said, with_choice
 
 __all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
@@ -43,8 +43,10 @@ class Atom:
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
     around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
     blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name, `ways` are the elements of a bus that it stands for. `why` says why it cannot be
-    built, `undefined` which variable has no value then.
+    block reads or writes by its name, `ways` are the elements of a bus that it stands for; `shared` are the memories
+    that code uses, by name: what it reads is an input behind its ports, what it leaves an output behind them; blocks
+    that are `made` for that read and write the stores. `why` says why it cannot be built, `undefined` which variable
+    has no value then.
 
     In a subsystem that runs several times in a step, `passes` are the passes that it belongs to, of each such subsystem
     around it; `earlier` and `later` are the same block one pass before and behind. `begins` is set in a first pass
@@ -64,6 +66,8 @@ class Atom:
     undefined: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
     store: "Atom | None" = None
+    shared: tuple[str, ...] = ()
+    made: bool = False
     passes: tuple[int, ...] = ()
     element: int = 0
     earlier: "Atom | None" = None
@@ -427,9 +431,28 @@ class _Flattening:
                 control = below.control
                 if control is not None and control.block is below.holder:
                     control.inputs = [self._controlling(level, sid, port) for port in control.special]
-
+            for atom in [one for one in level.atoms.values() if one.kind == "MATLAB Function"]:
+                self._share(level, atom)
         for atom, ends in self.joints:
             atom.inputs = [end if isinstance(end, Source) else self.source(*end) for end in ends]
+
+    def _share(self, level: Level, atom: Atom) -> None:
+        """Blocks that read and write the data stores of code for it."""
+        data = atom.block.chart.data if atom.block.chart is not None and not atom.passes else ()
+        atom.shared = tuple(one.name for one in data if one.scope == "DATA_STORE_MEMORY_DATA")
+        written = written_names(atom.block.script) if atom.shared else frozenset()
+        outputs = sum(one.scope == "OUTPUT_DATA" for one in data)
+        for at, name in enumerate(atom.shared):
+            atom.inputs.append(Source(self._access(level, atom, "DataStoreRead", name), 0))
+            if name in written:
+                self._access(level, atom, "DataStoreWrite", name).inputs.append(Source(atom, outputs + at))
+
+    def _access(self, level: Level, atom: Atom, kind: str, name: str) -> Atom:
+        block = Block(kind, name, "", f"{atom.block.path}/{name}", {"DataStoreName": name}, ports=Ports())
+        made = Atom(kind, block, f"{atom.path}/{name}", level.scope, level.control, places=atom.places, made=True)
+        made.store = _store(level, block)
+        self.atoms.append(made)
+        return made
 
     def _controlling(self, level: Level, sid: str, port: str) -> Source | None:
         """The source at a special port; that of a variant is at the subsystem around it."""
