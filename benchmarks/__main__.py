@@ -17,6 +17,7 @@ TOPICS = {
     "compile": "benchmarks.compiling",
     "startup": "benchmarks.startup",
     "files": "benchmarks.files",
+    "simulink": "benchmarks.drawn",
     "nist": "benchmarks.nist",
     "sets": "benchmarks.sets",
 }

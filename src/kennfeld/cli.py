@@ -34,6 +34,15 @@ ProjectFile = Annotated[
     Path, typer.Argument(metavar="PROJECT", help="The project file, kennfeld.toml.", show_default=False)
 ]
 
+Subsystem = Annotated[
+    str, typer.Option("--subsystem", help="The part of a Simulink model.", show_default=False, metavar="PATH")
+]
+VariableFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--parameters", help="Values of a Simulink model's variables; repeatable.", show_default=False, metavar="FILE"
+    ),
+]
 DescriptionFile = Annotated[
     Path | None,
     typer.Option(
@@ -391,18 +400,20 @@ def info(
         ),
     ] = "",
     a2l: DescriptionFile = None,
+    subsystem: Subsystem = "",
+    values: VariableFiles = None,
 ) -> int:
     """Show what is in a file.
 
     With --search, only channels, parameters and nodes whose name or description has the text, whatever its case; with
-    * and ? in it, those whose whole name fits.
+    * and ? in it, those whose whole name fits. Of a Simulink model, what can be calibrated and what stops it.
     """
     import json
 
     from kennfeld.terminal.contents import contents
     from kennfeld.terminal.search import searched
 
-    found = contents(path, a2l)
+    found = contents(path, a2l, subsystem, values or ())
     if search.strip():
         found = searched(found, search)
     say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
@@ -418,13 +429,8 @@ def convert(
         typer.Option("--image", help="The image to write the values into.", show_default=False, metavar="FILE"),
     ] = None,
     a2l: DescriptionFile = None,
-    subsystem: Annotated[
-        str, typer.Option("--subsystem", help="The part of a Simulink model.", show_default=False, metavar="PATH")
-    ] = "",
-    values: Annotated[
-        list[Path] | None,
-        typer.Option("--parameters", help="Files with values of its variables.", show_default=False, metavar="FILE"),
-    ] = None,
+    subsystem: Subsystem = "",
+    values: VariableFiles = None,
 ) -> int:
     """Turn a calibration file into another format, or a Simulink model into formula text.
 

@@ -6,6 +6,9 @@ from simulink_files import LAYOUTS, Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from kennfeld.models.formula import formula
+from kennfeld.models.formula.printer import to_text
+from kennfeld.models.simulink.importing import import_simulink
 
 U = np.array([-2.5, -1.0, -0.5, 0.0, 0.3, 1.0, 4.2])
 V = np.array([1.5, -1.0, 2.0, 0.5, -3.0, 1.0, 2.0])
@@ -425,7 +428,7 @@ def test_a_mask_that_refers_to_itself_is_told(tmp_path):
     inner.chain("x", "G", "y")
     drawn.outport("y")
     drawn.chain("u", "S", "y")
-    with pytest.raises(InputError, match=r"S/G: its Gain \(K\) has no value: K is defined nowhere"):
+    with pytest.raises(InputError, match=r"variable K: has no value; S/G needs it"):
         imported(drawn, tmp_path)
 
 
@@ -447,7 +450,7 @@ def test_unsupported_blocks_are_all_told_and_can_be_bound(tmp_path):
         imported(drawn, tmp_path)
     told = [str(finding) for finding in caught.value.findings]
     assert any("car.slx Vendor: blocks of type S-Function are not supported" in one for one in told)
-    assert any("car.slx K: its Gain (nowhere) has no value: nowhere is defined nowhere" in one for one in told)
+    assert any("car.slx variable nowhere: has no value; K needs it" in one for one in told)
     model = imported(drawn, tmp_path, bind={"Vendor": "2*n_rpm", "K": "load"})
     assert set(model.graph.inputs) == {"n_rpm", "load"}
     assert run(model, {"n_rpm": [3.0], "load": [1.0]})["y"].tolist() == [7.0]
@@ -475,3 +478,90 @@ def test_a_block_that_no_output_needs_does_not_stop_the_import(tmp_path):
     drawn.line("u1", "Vendor")
     drawn.line("Vendor", "Look")
     assert run(imported(drawn, tmp_path), {"u1": [1.0]})["y1"].tolist() == [2.0]
+
+
+def test_what_scopes_show_are_the_outputs_of_a_model_without_others(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Gain", "Twice", Gain="2")
+    drawn.block("Gain", "Thrice", Gain="3")
+    drawn.block("Scope", "Look", ports=(2, 0))
+    drawn.block("Display", "Again", ports=(1, 0))
+    drawn.block("Scope", "Nothing", ports=(1, 0))
+    drawn.line("u", "Twice", "Thrice")
+    drawn.line("Twice", "Look:1", "Again", name="double")
+    drawn.line("Thrice", "Look:2")
+    model = imported(drawn, tmp_path)
+    assert model.graph.outputs == ("double", "Thrice")
+    found = run(model, {"u": U})
+    np.testing.assert_array_equal(found["double"], 2 * U)
+    np.testing.assert_array_equal(found["Thrice"], 3 * U)
+
+
+def test_a_model_that_shows_nothing_is_refused(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Gain", "Twice", Gain="2")
+    drawn.chain("u", "Twice")
+    with pytest.raises(InputError, match="no outport, and nothing that records or shows"):
+        imported(drawn, tmp_path)
+
+
+@pytest.mark.parametrize("port", [{"OutDataTypeStr": "Bus: Engine"}, {}])
+def test_the_signals_of_a_bus_from_outside_are_inputs_by_their_names(port, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("in", **port)
+    inner = drawn.subsystem("S")
+    inner.inport("bus")
+    inner.block("BusSelector", "Pick", ports=(1, 2), OutputSignals="engine.speed,load")
+    inner.block("BusSelector", "Engine", ports=(1, 1), OutputSignals="engine")
+    inner.block("BusSelector", "Torque", ports=(1, 1), OutputSignals="torque")
+    inner.block("Sum", "Add", ports=(3, 1), Inputs="+-+")
+    inner.outport("y")
+    inner.line("bus", "Pick", "Engine")
+    inner.chain("Engine", "Torque")
+    inner.line("Pick:1", "Add:1")
+    inner.line("Pick:2", "Add:2")
+    inner.line("Torque", "Add:3")
+    inner.chain("Add", "y")
+    drawn.outport("y")
+    drawn.chain("in", "S", "y")
+    for subsystem, name in ((None, "in"), ("S", "bus")):
+        model = imported(drawn, tmp_path, subsystem=subsystem)
+        parts = {f"{name}.engine.speed": U, f"{name}.load": 2 * U**2, f"{name}.engine.torque": U + 3}
+        assert set(model.graph.inputs) == set(parts)
+        np.testing.assert_allclose(run(model, parts)["y"], 2 * U - 2 * U**2 + 3)
+        assert formula(to_text(model.graph)).graph == model.graph
+
+
+def test_a_signal_of_a_bus_from_outside_may_be_replaced(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("in")
+    drawn.inport("u")
+    drawn.block("BusAssignment", "Put", ports=(2, 1), AssignedSignals="a.x")
+    drawn.block("BusSelector", "Pick", ports=(1, 2), OutputSignals="a.x,a.y")
+    drawn.outport("x")
+    drawn.outport("y")
+    drawn.line("in", "Put:1")
+    drawn.line("u", "Put:2")
+    drawn.chain("Put", "Pick", "x")
+    drawn.line("Pick:2", "y")
+    model = imported(drawn, tmp_path)
+    assert set(model.graph.inputs) == {"u", "in.a.y"}
+    found = run(model, {"u": U, "in.a.y": 2 * U})
+    np.testing.assert_array_equal(found["x"], U)
+    np.testing.assert_array_equal(found["y"], 2 * U)
+
+
+def test_blocks_that_share_a_number_are_told_apart_by_their_names(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Gain", "Twice", Gain="2")
+    drawn.block("Bias", "Plus", Bias="1")
+    drawn.outport("y")
+    drawn.chain("u", "Twice", "Plus", "y")
+    for block in drawn.blocks:
+        block.sid = 0
+    found = import_simulink(drawn.write(tmp_path, "mdl"))
+    assert run(found.model, {"u": U})["y"].tolist() == (2 * U + 1).tolist()
+    assert any("two blocks with the SID 0" in remark for remark in found.report.remarks)

@@ -203,8 +203,14 @@ def test_a_state_port_shows_the_state(tmp_path):
     both = run(imported(drawn, tmp_path), {"u1": U})
     np.testing.assert_array_equal(both["x"], both["y1"])
     np.testing.assert_allclose(both["x"], np.concatenate([[0.0], T * np.cumsum(U)[:-1]]), atol=1e-13)
+    trapezoidal = {"ShowStatePort": "on", "IntegratorMethod": "Integration: Trapezoidal"}
+    drawn = alone("DiscreteIntegrator", SampleTime="0.1", **trapezoidal)
+    drawn.outport("x")
+    drawn.line("B#state", "x")
+    both = run(imported(drawn, tmp_path), {"u1": U})
+    np.testing.assert_array_equal(both["x"], both["y1"])
     with pytest.raises(InputError, match="its state port shows the state before a reset"):
-        imported(alone("DiscreteIntegrator", 2, ShowStatePort="on", ExternalReset="rising"), tmp_path)
+        imported(alone("DiscreteIntegrator", 2, ExternalReset="rising", **trapezoidal), tmp_path)
 
 
 def test_a_sampled_level_holds_an_integrator_at_its_initial_value(tmp_path):

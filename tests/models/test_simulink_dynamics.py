@@ -99,6 +99,25 @@ def test_discrete_filters_are_those_of_scipy(b, a, tmp_path):
     np.testing.assert_allclose(found, signal.lfilter(padded, a, U), atol=1e-13)
 
 
+@pytest.mark.parametrize("kind", ["TransferFcn", "DiscreteTransferFcn"])
+def test_a_lag_with_a_named_time_constant_feeds_nothing_through(kind, tmp_path):
+    drawn = Model(step="0.1", solver="ode1")
+    drawn.inport("u")
+    drawn.block(kind, "Lag", ports=(1, 1), Numerator="[1]", Denominator="[tau 1]")
+    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
+    drawn.outport("y")
+    drawn.line("u", "S:1")
+    drawn.chain("S", "Lag", "S:2")
+    drawn.line("Lag", "y")
+    model = imported(drawn, tmp_path, parameters=[{"tau": 2.0}])
+    found, y = run(model, {"u": U})["y"], 0.0
+    for k, u in enumerate(U):
+        assert found[k] == pytest.approx(y, abs=1e-12)
+        y = y + T * (u - 2 * y) / 2 if kind == "TransferFcn" else (u - 2 * y) / 2
+    exact, differences = slopes(model, {"u": U}, "tau", "y")
+    np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-8)
+
+
 def test_a_discrete_state_space_model_is_that_of_scipy(tmp_path):
     A, B, C, D = np.array([[0.5, 0.2], [-0.1, 0.9]]), np.array([[1.0], [0.5]]), np.array([[1.0, -1.0]]), 0.3
     found = first("DiscreteStateSpace", tmp_path, A="[0.5 0.2; -0.1 0.9]", B="[1; 0.5]", C="[1 -1]", D="0.3",
@@ -182,6 +201,23 @@ def test_sources(tmp_path):
     np.testing.assert_array_equal(found["y3"], np.where((k >= 2) & ((k - 2) % 6 < 3), 5, 0))
     np.testing.assert_array_equal(found["y4"], k % 4 < 1)
     np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
+def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
+    drawn = Model(step="0.01", solver="FixedStepDiscrete")
+    scale = 1.0 if units == "Hertz" else 2 * np.pi
+    for form in ("sine", "square"):
+        drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
+                    Units=units)  # fmt: skip
+        drawn.outport(f"y {form}")
+        drawn.line(form, f"y {form}")
+    model = imported(drawn, tmp_path, parameters=[{"A": 2.5}])
+    found, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
+    np.testing.assert_allclose(found["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
+    np.testing.assert_array_equal(found["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
 def test_a_transport_delay_interpolates_between_steps(tmp_path):
@@ -309,6 +345,20 @@ def test_transfer_functions_are_those_of_scipy(b, a, tmp_path):
     found = run(imported(drawn, tmp_path), {"u1": step})["y1"]
     expected = signal.lsim((b, a), step, t)[1] if len(a) > 1 else step * b[0] / a[0]
     np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_a_lag_with_a_parameter_in_front_closes_a_loop(tmp_path):
+    drawn = Model(solver="ode5", step="0.02")
+    drawn.inport("u")
+    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
+    drawn.block("TransferFcn", "F", ports=(1, 1), Numerator="[3]", Denominator="[T 1]")
+    drawn.outport("y")
+    drawn.line("u", "S:1")
+    drawn.chain("S", "F")
+    drawn.line("F", "y", "S:2")
+    t = 0.02 * np.arange(200)
+    found = run(imported(drawn, tmp_path, parameters=[{"T": 0.5}]), {"u": np.ones(200)})["y"]
+    np.testing.assert_allclose(found, 0.75 * (1 - np.exp(-8 * t)), atol=1e-7)
 
 
 def test_a_state_space_model_is_that_of_scipy(tmp_path):
@@ -510,6 +560,8 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
         ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),
+        ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: has no value"),
+        ("SignalGenerator", {"WaveForm": "sawtooth"}, "its wave form is 'sawtooth'"),
     ):
         with pytest.raises(InputError, match=told):
             imported(alone(kind, **options), tmp_path)

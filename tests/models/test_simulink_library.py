@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.interpolate import RegularGridInterpolator
 from simulink_files import Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from kennfeld.parameters import Axis, Curve, Map, ParameterSet, Scalar
 
 U = np.random.default_rng(7).normal(size=30)
 T = 0.1
@@ -51,7 +53,7 @@ def test_a_continuous_pid_controller_is_its_transfer_function(tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-def test_parts_of_a_pid_controller_and_what_is_not_supported(tmp_path):
+def test_parts_of_a_pid_controller(tmp_path):
     found = run(pid(tmp_path, GAINS, Controller="P", LimitOutput="on", UpperSaturationLimit="1"), {"u1": U})["y1"]
     np.testing.assert_allclose(found, np.minimum(2 * U, 1))
     with pytest.raises(InputError, match="SatLimitsSource is 'external'"):
@@ -97,6 +99,97 @@ def test_a_table_object_holds_values_and_breakpoints(tmp_path):
     np.testing.assert_allclose(run(model, {"u1": U})["y1"], np.interp(U, [-1, 0, 2], [1, 2, 0]))
 
 
+def test_a_table_at_cells_that_other_blocks_make_is_by_number(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("k")
+    drawn.inport("f")
+    drawn.block("Interpolation_n-D", "M", ports=(2, 1), Table="Z", NumberOfTableDimensions="1")
+    drawn.outport("y")
+    drawn.line("k", "M:1")
+    drawn.line("f", "M:2")
+    drawn.chain("M", "y")
+    model = imported(drawn, tmp_path, parameters=[{"Z": [1.0, 4.0, 2.0]}])
+    found = run(model, {"k": [0.0, 1.0, 1.0], "f": [0.5, 0.25, 1.0]})["y"]
+    assert found.tolist() == [2.5, 3.5, 2.0]
+
+
+@pytest.mark.parametrize("ends", [("Clip", "Linear"), ("Linear", "Clip")])
+def test_prelookups_may_differ_beyond_their_ends(ends, tmp_path):
+    drawn = parts("Linear")
+    for block in drawn.blocks:
+        if block.name in "AB":
+            block.parameters["ExtrapMethod"] = ends["AB".index(block.name)]
+    Z = np.array([[1.0, 2.0, 4.0], [3.0, 8.0, 0.0], [5.0, -1.0, 2.0]])
+    columns = {"a": 2 * U + 1, "b": 3 * U[::-1]}
+    found = run(imported(drawn, tmp_path, parameters=[{"Z": Z}]), columns)["y"]
+    points = np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0, 3.0])
+    inside = [np.clip(x, p[0], p[-1]) if end == "Clip" else x
+              for x, p, end in zip(columns.values(), points, ends, strict=True)]  # fmt: skip
+    expected = RegularGridInterpolator(points, Z, bounds_error=False, fill_value=None)(np.stack(inside, axis=1))
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+def eta(values=(1.0, 2.0, 0.0), points=(-1.0, 0.0, 2.0), name="Eta"):
+    return ParameterSet([Curve(name, Axis(points, unit="deg"), values, unit="Nm")])
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        ("Lookup_n-D", {"DataSpecification": "Lookup table object", "LookupTableObject": "Eta"}),
+        ("Lookup_n-D", {"Table": "Eta", "BreakpointsForDimension1": "nowhere"}),
+        ("Lookup_n-D", {"Table": "Eta", "BreakpointsForDimension1": "short"}),
+        ("Lookup", {"Table": "Eta", "InputValues": "nowhere", "LookUpMeth": "Interpolation-Use End Values"}),
+    ],
+)
+@pytest.mark.parametrize("before", [{}, {"Eta": {"Table": [5.0, 5.0], "Breakpoints1": [0.0, 1.0]}}])
+def test_a_calibration_file_gives_a_table_its_axes(kind, settings, before, tmp_path):
+    drawn = alone(kind, NumberOfTableDimensions="1", ExtrapMethod="Clip", **settings)
+    model = imported(drawn, tmp_path, parameters=[{"short": [0.0, 1.0], **before}, eta()])
+    assert list(model.values) == ["Eta"]
+    assert model.values["Eta"].axes[0].unit == "deg"
+    np.testing.assert_allclose(run(model, {"u1": U})["y1"], np.interp(U, [-1, 0, 2], [1, 2, 0]))
+
+
+def test_the_axes_of_a_calibration_file_count_for_the_nearest_point_too(tmp_path):
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[5 6 7]",
+                  InterpMethod="Nearest")  # fmt: skip
+    found = run(imported(drawn, tmp_path, parameters=[eta()]), {"u1": [-3.0, -0.4, 0.9, 1.1, 9.0]})["y1"]
+    assert found.tolist() == [1.0, 2.0, 2.0, 0.0, 0.0]
+
+
+def test_a_part_of_a_struct_takes_its_value_by_its_full_name(tmp_path):
+    drawn = alone("Gain", Gain="data.K*data.b")
+    given = [{"data": {"K": 2.0, "b": 3.0}}, ParameterSet([Scalar("data.K", 5.0)])]
+    model = imported(drawn, tmp_path, parameters=given)
+    assert run(model, {"u1": [1.0]})["y1"].tolist() == [15.0]
+    assert model.values["data.K"].value == 5.0
+
+
+def test_a_table_of_prelookups_is_one_over_their_breakpoints(tmp_path):
+    Z = np.arange(9.0).reshape(3, 3) ** 2
+    model = imported(parts("Clip"), tmp_path, parameters=[{"Z": Z}])
+    assert [axis.breakpoints.tolist() for axis in model.values["Z"].axes] == [[0, 1, 3], [-1, 1, 3]]
+    axes = Axis([0.0, 2.0, 3.0], name="speed"), Axis([-1.0, 0.0, 3.0], name="load")
+    model = imported(parts("Clip"), tmp_path, parameters=[ParameterSet([Map("Z", *axes, Z)])])
+    assert [axis.name for axis in model.values["Z"].axes] == ["speed", "load"]
+    columns = {"a": 2 * U + 1, "b": 3 * U[::-1]}
+    expected = lookup_of(Z, [a.breakpoints for a in axes], [columns["a"], columns["b"]])
+    np.testing.assert_allclose(run(model, columns)["y"], expected, rtol=1e-12, atol=1e-12)
+
+
+def lookup_of(values, points, columns):
+    """Bilinear, held at the ends."""
+    inside = [np.clip(x, p[0], p[-1]) for x, p in zip(columns, points, strict=True)]
+    return RegularGridInterpolator(points, values)(np.stack(inside, axis=1))
+
+
+def test_a_calibration_files_axes_do_not_fit_a_table_that_is_looked_up_by_number(tmp_path):
+    drawn = alone("LookupNDDirect", NumberOfTableDimensions="1", Table="Eta")
+    with pytest.raises(InputError, match="looks it up by number"):
+        imported(drawn, tmp_path, parameters=[eta()])
+
+
 def test_a_referenced_model_is_taken_from_beside_with_its_own_variables(tmp_path):
     inner = Model("plant", step="0.1", solver="FixedStepDiscrete", code="K = 5;")
     inner.inport("x")
@@ -134,7 +227,7 @@ def test_a_bus_may_hold_what_is_computed_from_another_of_its_signals(tmp_path):
 def test_a_link_to_a_library_that_is_not_there_says_which(tmp_path):
     drawn = alone("Reference", special="Own Mask")
     with pytest.raises(
-        InputError, match=r"B: it is a link to lib/B, which was not found. Put lib.slx beside the model"
+        InputError, match=r"B: it is a link into the library lib, which was not found. Put lib.slx beside the model"
     ):
         imported(drawn, tmp_path)
 
@@ -236,5 +329,5 @@ def test_sizes_that_do_not_fit_are_told_with_the_block(tmp_path):
 
 def test_a_subsystem_whose_content_is_in_another_file_says_in_which(tmp_path):
     drawn = alone("SubSystem", ReferencedSubsystem="shared_part")
-    with pytest.raises(InputError, match="B: its content is in the file shared_part, which is not followed"):
+    with pytest.raises(InputError, match="B: its content is in the file shared_part, which was not found"):
         imported(drawn, tmp_path)

@@ -11,6 +11,7 @@ from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from kennfeld.models.simulink.parts import inspect_simulink
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public models in {DATA}")
@@ -91,13 +92,57 @@ def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
         assert values[ratio][-1] == pytest.approx(14.7, abs=0.01)
 
 
+def curve(x, y):
+    return {x: [0.0, 1.0, 2.0], y: [1.0, 1.0, 1.0]}
+
+
+def side(x):
+    """The settings of one of the ventilator's two controllers."""
+    duty = {"MaxDuty": 100.0, "MinDuty": -50.0}
+    return {
+        "Scaling": 1.0,
+        "Feedforward": {"Static": {"Freeze": -0.5, **curve(x, "Duty")}, "Dynamic": curve(x, "Duty")},
+        "Proportional": {**duty, "Error": curve(x, "Gain"), x: curve(x, "Gain")},
+        "Integral": {**duty, "Freeze": 0.1, "Reset": 5.0, "Error": curve(x, "Gain"), x: curve(x, "Gain")},
+    }
+
+
+VALVE = {"BrkPress": [0, 1, 2], "BrkDuty": [0, 1, 2], "Data": [[1.0] * 3] * 3, "DutyMax": 46.0}
+VENTILATOR = {
+    "LungParam": {"S1S2DR0KvKf": [50.0, 6.0, 0.5, 0.2, -0.2, 0.5]},
+    "Control": {"PeeP": 5.0, "Triggered": 1.0, "Scaling": 1.0, "Flowby": 1.0, "Mode": 0.0, "VentValveP": 30.0,
+                "ValveZero": 30.0, "CurrentFilter": 100.0, "Flow": side("Flow"), "Pressure": side("Pressure")},
+    "Error": {key: {"MinPressure": 1.0, "MaxPressure": 2.0} for key in ("Supply", "Regulated", "Mouth", "Out")},
+    "TargetProfile": {"Time": [0, 1, 2], "Pressure": [1, 2, 3], "Flow": [1, 2, 3]},
+    "BreathData": {"time": [0, 1, 2], "AvgLungFlow": [0, 1, 0]},
+    "InputData": {"MaskVolume": 0.3, "Stage1Volume": 0.5, "Stage2Volume": 0.5, "FiO2Target": 0.8,
+                  "PReg": curve("BrkPress", "Data"), "InValve": VALVE, "OutValve": {"BrkPress": 30.0, "Data": 250.0},
+                  "Regulator": {"BrkPress": 1000.0, "Data": 25.0}},
+    "Mode": 1.0, "Supply": 1.0, "SupplyPress_Air": 4000.0, "SupplyPress_Oxigen": 4000.0, "Throttle_Air": 0.8,
+    "Throttle_Oxigen": 1.0, "BreatFreq": 12.0,
+}  # fmt: skip
+
+
+def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_are_given():
+    file = DATA / "VentilatorModel_v8_5.slx"
+    missing = import_simulink(file, parameters=[VENTILATOR]).report
+    assert not missing.undefined
+    assert {one.type for one in missing.unsupported} == {"Reference"}
+    found = import_simulink(file, parameters=[VENTILATOR], bind={one.path: "1.0" for one in missing.unsupported})
+    assert found.report.whole
+    assert found.report.supported == found.report.total == 343
+    columns = {name: np.zeros(20) for name in found.model.graph.inputs}
+    values = run(found.model, columns, dt=1e-3, samples=20)
+    assert all(np.isfinite(values[name]).any() for name in found.model.graph.outputs)
+
+
 @pytest.mark.parametrize(
     ("file", "told"),
     [
-        ("VentilatorModel_v8_5.slx", "a link to Simple_pneu_library/"),
+        ("VentilatorModel_v8_5.slx", "36 more: it is a link into the library Simple_pneu_library"),
         ("controller.slx", "Chart"),
-        ("Dyn_Vol_Line.slx", "WhileIterator"),
-        ("GasTurbine_Dyn_Template.mdl", "a link to Lib_"),
+        ("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS"),
+        ("GasTurbine_Dyn_Template.mdl", "a link into the library Lib_"),
         ("Autotrans_Model.mdl", "ShiftLogic: it is a Chart"),
         ("automatic_transmission.slx", "Chart"),
     ],
@@ -106,6 +151,35 @@ def test_the_others_say_what_stops_them(file, told):
     with pytest.raises(InputError) as caught:
         simulink(DATA / file)
     assert any(told in str(finding) for finding in caught.value.findings)
+
+
+GEARS = {
+    "downth": [0.0, 50.0], "upth": [0.0, 50.0], "downtab": np.ones((2, 4)), "uptab": np.ones((2, 4)),
+    "speedratio": [0.0, 1.0], "torqueratio": [2.0, 1.0], "Kfactor": [100.0, 200.0], "nevec": [500.0, 6000.0],
+    "thvec": [0.0, 100.0], "emap": np.ones((2, 2)), "Iei": 0.02, "N20": 100.0, "Rfd": 3.0, "Rw": 1.0, "Iv": 12.0,
+    "Rload0": 40.0, "Rload2": 0.02, "gear_ratio": [[1.0, 2.4], [2.0, 1.5], [3.0, 1.0], [4.0, 0.7]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("file", "given", "largest"),
+    [
+        ("controller.slx", {}, "Controller/Pressure Control/Init Input Shaping"),
+        ("Dyn_Vol_Line.slx", {}, "System Model/SystemModel/Subsystem"),
+        ("automatic_transmission.slx", GEARS, ""),
+        ("Autotrans_Model.mdl", {}, "Transmission/TransmissionRatio"),
+        ("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg"),
+    ],
+)
+def test_each_subsystem_that_is_told_to_be_whole_can_be_imported_and_run(file, given, largest):
+    report = inspect_simulink(DATA / file, parameters=[given])
+    assert report.subsystems
+    assert largest in ("", report.subsystems[0].path)
+    for one in report.subsystems:
+        model = simulink(DATA / file, one.path, [given])
+        assert len(model.graph.outputs) >= len(one.outputs)
+        found = run(model, {name: np.linspace(0.5, 1.5, 5) for name in model.graph.inputs}, dt=0.01, samples=5)
+        assert all(found[name].shape == (5,) for name in model.graph.outputs)
 
 
 def test_a_part_of_the_transmission_works_by_itself():

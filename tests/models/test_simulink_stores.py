@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from simulink_files import LAYOUTS, Mask, Model
 from simulink_runs import alone, imported, run
+from torque_drawing import TORQUE, torque
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
@@ -136,51 +137,6 @@ def test_values_under_the_name_of_a_field_go_over_its_literal(tmp_path):
 
 
 # the whole model
-
-
-def torque():
-    """The paper's torque model as blocks."""
-    drawn = Model("torque", step="0.1", solver="FixedStepDiscrete")
-    for name in ("Speed", "Rel_Airmass", "Ignition"):
-        drawn.inport(name)
-    axes = {"BreakpointsForDimension1": "n", "BreakpointsForDimension2": "q", "ExtrapMethod": "Clip"}
-    inner = drawn.subsystem("Engine")
-    for name in ("Speed", "Rel_Airmass", "Ignition"):
-        inner.inport(name)
-    for table in ("MapOptTorque", "MapOptIgnition", "MapDragTorque"):
-        inner.block("Lookup_n-D", table, ports=(2, 1), Table=table, **axes)
-        inner.line("Speed", f"{table}:1")
-        inner.line("Rel_Airmass", f"{table}:2")
-    inner.block("Sum", "deltaSpark", ports=(2, 1), Inputs="+-")
-    inner.block("Lookup_n-D", "etaSpark", ports=(1, 1), NumberOfTableDimensions="1", Table="CurveEtaDeltaSpark",
-                BreakpointsForDimension1="d", ExtrapMethod="Clip")  # fmt: skip
-    inner.block("Product", "product", ports=(2, 1))
-    inner.block("Sum", "Sum", ports=(2, 1), Inputs="+-")
-    inner.outport("TorquePredict")
-    inner.line("MapOptIgnition", "deltaSpark:1")
-    inner.line("Ignition", "deltaSpark:2")
-    inner.chain("deltaSpark", "etaSpark")
-    inner.line("MapOptTorque", "product:1", name="trqOpt")
-    inner.line("etaSpark", "product:2")
-    inner.line("product", "Sum:1")
-    inner.line("MapDragTorque", "Sum:2", name="dragTorque")
-    inner.chain("Sum", "TorquePredict")
-    for at, name in enumerate(("Speed", "Rel_Airmass", "Ignition"), 1):
-        drawn.line(name, f"Engine:{at}")
-    drawn.outport("TorquePredict")
-    drawn.chain("Engine", "TorquePredict")
-    return drawn
-
-
-TORQUE = """
-trqOpt = MapOptTorque(Speed, Rel_Airmass)
-ignOpt = MapOptIgnition(Speed, Rel_Airmass)
-deltaSpark = ignOpt - Ignition
-etaSpark = CurveEtaDeltaSpark(deltaSpark)
-product = trqOpt * etaSpark
-dragTorque = MapDragTorque(Speed, Rel_Airmass)
-TorquePredict = product - dragTorque
-"""
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

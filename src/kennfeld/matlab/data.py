@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import tree, v4, v5, v73
 from kennfeld.matlab.arithmetic import as_class
-from kennfeld.matlab.mcos import Objects, workspace
+from kennfeld.matlab.mcos import opened, workspace
 from kennfeld.matlab.values import (
     INTEGERS,
     Array,
@@ -21,34 +21,32 @@ from kennfeld.matlab.values import (
     object_array,
 )
 
-__all__ = ["nodes_of", "value_of", "variables_of", "workspace_of"]
+__all__ = ["loaded_of", "nodes_of", "value_of", "variables_of", "workspace_of"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
+_ORDERS = (b"IM", b"MI")  # how the header of version 5 ends
 _DEEPEST = 40
+_MOST_BYTES = 1_000_000_000  # of the arrays that a script loads
 
 
 def variables_of(content: bytes, name: str) -> dict[str, Value]:
     """The variables of a data file, parameter objects included; `InputError` where it is damaged.
 
-    >>> variables_of(b"", "none.mat")
+    >>> variables_of(b"MATLAB 5.0 MAT-file".ljust(128), "none.mat")
     {}
     """
     try:
-        nodes = nodes_of(content)
+        nodes = nodes_of(content, _MOST_BYTES)
     except tree.DamageError as error:
-        what = f"the MATLAB file is damaged: {error}"
-    except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
-        what = f"the MATLAB file is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
-    else:
-        return {key: value_of(node) for key, node in nodes.items()}
-    raise InputError.of(name, what, "Save it anew.")
+        raise InputError.of(name, f"the MATLAB file is damaged: {error}", "Save it anew.") from None
+    return {key: value_of(node) for key, node in nodes.items()}
 
 
 def workspace_of(content: bytes, name: str) -> dict[str, Value]:
     """The variables of a model workspace (`modelWorkspace.mxarray`); `InputError` where it is damaged."""
     try:
-        nodes = workspace(content)
+        nodes = workspace(content).whole().variables
     except tree.DamageError as error:
         raise InputError.of(name, f"the model workspace is damaged: {error}", "Save the model anew.") from None
     return {key: value_of(node) for key, node in nodes.items()}
@@ -59,15 +57,21 @@ def nodes_of(content: bytes, most_bytes: int = tree.MOST_BYTES) -> Mapping[str, 
 
     `DamageError` where it is damaged, or takes more than `most_bytes` when it is unpacked.
     """
+    return loaded_of(content, most_bytes).whole().variables
+
+
+def loaded_of(content: bytes, most_bytes: int = tree.MOST_BYTES, most_nodes: int = tree.MOST_NODES) -> tree.Loaded:
+    """The variables of a data file as a tree, with the properties of objects, the damaged ones among them.
+
+    It ends where they take more than `most_bytes` when they are unpacked, or are more than `most_nodes` arrays.
+    """
+    if not content:
+        return tree.Loaded(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return v73.load(BytesIO(content), most_bytes)
-    if not content.startswith(b"MATLAB"):
-        return v4.load(memoryview(content))
-    loaded = v5.load_all(memoryview(content), most_bytes)
-    objects = next((found for node in loaded.further if (found := Objects.of(node)) is not None), None)
-    if objects is None:
-        return loaded.variables
-    return {name: objects.resolved(node) for name, node in loaded.variables.items()}
+        return opened(v73.load_all(BytesIO(content), most_bytes, most_nodes), most_bytes)
+    if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
+        return v4.load_all(memoryview(content))
+    return opened(v5.load_all(memoryview(content), most_bytes, most_nodes), most_bytes)
 
 
 def value_of(node: tree.Node, depth: int = 0) -> Value:
@@ -78,7 +82,7 @@ def value_of(node: tree.Node, depth: int = 0) -> Value:
         case tree.Numbers():
             return _array(node)
         case tree.Text():
-            return _characters(node.text)
+            return _characters(node)
         case tree.Struct():
             return Struct.of({name: value_of(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
         case tree.Structs():
@@ -97,16 +101,15 @@ def _array(node: tree.Numbers) -> Array:
         return np.asarray(values != 0)
     if node.kind in INTEGERS:
         return values.astype(node.kind)
-    return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
+    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+        return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
 
 
-def _characters(text: str) -> Array:
-    """The lines of a text are the rows of an array of characters."""
-    lines = text.split("\n")
-    if len(lines) == 1:
-        return characters(text)
-    widest = max(map(len, lines))
-    return np.array([list(line.ljust(widest)) for line in lines], dtype="U1").reshape(len(lines), widest)
+def _characters(node: tree.Text) -> Array:
+    if not node.rows:
+        return characters(node.text)
+    widest = max(map(len, node.rows))
+    return np.array([list(line.ljust(widest)) for line in node.rows], dtype="U1").reshape(len(node.rows), widest)
 
 
 def _structs(node: tree.Structs, depth: int) -> Value:

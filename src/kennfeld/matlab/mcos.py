@@ -1,59 +1,143 @@
-"""Objects of classes in MATLAB files of version 5: their properties, which stand behind the variables.
+"""Objects of classes in MATLAB files: their properties, which stand behind the variables.
 
 The layout was worked out by the mat-io project: the subsystem, bytes that are again a file with a header of 8 bytes,
 holds a struct with the object FileWrapper__. That is a cell array: its first cell ties names, classes, objects and
 properties together by numbers, the others hold the values, the last one the defaults of the classes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.matlab.tree import Cells, DamageError, Node, Numbers, Struct, Structs, Text, Unreadable, text_of
+from kennfeld.matlab.tree import (
+    MOST_BYTES,
+    Cells,
+    DamageError,
+    Loaded,
+    Node,
+    Numbers,
+    Struct,
+    Structs,
+    Text,
+    Unreadable,
+    text_of,
+)
 from kennfeld.matlab.v5 import elements_from
 
-__all__ = ["Objects", "workspace"]
+__all__ = ["opened", "single", "workspace"]
 
 _TAG = 0xDD000000  # the first number of a reference
 _VERSIONS = (2, 3, 4)
 _OFFSETS = 8  # of the tables
-_DEEPEST = 20
+_DEEPEST = 60
 _MOST = 1_000_000  # objects and values; shared ones could multiply without end
 _NAME, _VALUE = 0, 1  # what a property refers to
 _HEADS = {b"\0\1IM": "<", b"\1\0MI": ">"}
+_ALONE = "the file does not hold its properties"
 
 
-def workspace(content: bytes) -> Mapping[str, Node]:
+def workspace(content: bytes, most_bytes: int = MOST_BYTES) -> Loaded:
     """The variables of a model workspace, as `modelWorkspace.mxarray` of a Simulink file keeps them.
 
     Its first array is a struct of the variables, or an array of structs with Name and Value; the subsystem follows.
+    `DamageError` where it is no workspace.
     """
+    loaded = _arrays(content, most_bytes)
+    if not loaded.further:
+        return loaded
+    first, *behind = loaded.further
+    if isinstance(first, Unreadable):
+        return replace(loaded, variables={})
+    return opened(replace(loaded, variables=_named(first), further=behind), most_bytes)
+
+
+def single(content: bytes, most_bytes: int = MOST_BYTES) -> Node:
+    """The array that bytes hold in the form of a model workspace; `DamageError` where they hold none."""
+    loaded = _arrays(content, most_bytes)
+    if not loaded.further:
+        raise DamageError(loaded.lost or "it holds no array")
+    first, *behind = loaded.further
+    return opened(replace(loaded, variables={"": first}, further=behind), most_bytes).variables[""]
+
+
+def _arrays(content: bytes, most_bytes: int) -> Loaded:
     order = _HEADS.get(content[:4])
     if order is None:
         raise DamageError("it does not begin like a workspace")
-    arrays = elements_from(memoryview(content), 8, order).further
-    if not arrays:
+    return elements_from(memoryview(content), 8, order, most_bytes, _MOST)
+
+
+def _named(node: Node) -> dict[str, Node]:
+    if isinstance(node, Struct) and not (_is_pair(node) and len(node.fields) == 2):
+        return dict(node.fields)
+    if isinstance(node, Numbers) and not node.values.size:
         return {}
-    found = _named(arrays[0])
-    objects = Objects.of(arrays[1]) if len(arrays) > 1 else None
-    return found if objects is None else {name: objects.resolved(node) for name, node in found.items()}
-
-
-def _named(node: Node) -> Mapping[str, Node]:
-    pairs = node.elements if isinstance(node, Structs) else [node] if isinstance(node, Struct) else []
-    if pairs and all(set(pair.fields) == {"Name", "Value"} for pair in pairs):
-        return {text_of(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
-    if not isinstance(node, Struct):
+    pairs = node.elements if isinstance(node, Structs) else [node] if isinstance(node, Struct) else None
+    if pairs is None or not all(map(_is_pair, pairs)):
         raise DamageError("it holds no variables")
-    return node.fields
+    return {text_of(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
+
+
+def _is_pair(node: Struct) -> bool:
+    """Whether a struct is one variable with its name."""
+    return "Value" in node.fields and isinstance(node.fields.get("Name"), Text)
+
+
+def opened(loaded: Loaded, most_bytes: int = MOST_BYTES) -> Loaded:
+    """The same with objects as structs of their properties, which stand behind the variables."""
+    objects = _behind(loaded.further, most_bytes)
+    return replace(loaded, variables={name: objects.told(node) for name, node in loaded.variables.items()})
+
+
+def _behind(further: Sequence[Node], most_bytes: int) -> "Objects":
+    """The objects of a file; where there are none, one that says why."""
+    why = _ALONE
+    for node in further:
+        try:
+            cells = _wrapped(_subsystem(node, most_bytes))
+            if cells is not None:
+                return Objects(cells)
+        except DamageError as error:
+            why = str(error)
+    return Objects(None, why)
+
+
+def _subsystem(node: Node, most_bytes: int) -> Node | None:
+    """What stands in the bytes of a subsystem; version 7.3 has it without that wrapping."""
+    if isinstance(node, Unreadable) and node.why:
+        raise DamageError(node.why)
+    if not isinstance(node, Numbers):
+        return node
+    raw = _bytes(node)
+    loaded = elements_from(memoryview(raw), 8, "<" if raw[2:4] == b"IM" else ">", most_bytes, _MOST)
+    first = next(iter(loaded.further), None)
+    if loaded.damage and not isinstance(first, Struct):
+        raise DamageError(loaded.damage)
+    return first
+
+
+def _wrapped(subsystem: Node | None) -> Cells | None:
+    """The cells with all that a subsystem knows of objects."""
+    wrapper = subsystem.fields.get("MCOS") if isinstance(subsystem, Struct) else None
+    cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
+    if isinstance(wrapper, Unreadable) and wrapper.why:
+        raise DamageError(wrapper.why)
+    return cells if isinstance(cells, Cells) else None
 
 
 class Objects:
-    """The objects of one file."""
+    """The objects of one file; without `cells` none of them is known, and `why` says the reason."""
 
-    def __init__(self, cells: Cells) -> None:
-        self.cells = cells.cells
+    def __init__(self, cells: Cells | None, why: str = "") -> None:
+        self.why = why
         self.left = _MOST
+        self.within: list[int] = []  # the objects around what is opened
+        self.cells = cells.cells if cells is not None else []
+        if cells is not None:
+            self._read()
+
+    def _read(self) -> None:
         if len(self.cells) < 3 or not isinstance(table := self.cells[0], Numbers):
             raise DamageError("the table of its objects is missing")
         raw = _bytes(table)
@@ -69,17 +153,12 @@ class Objects:
         self.objects = self._rows(starts[2], starts[3], 6)
         self.plain = self._blocks(starts[3], starts[4])
 
-    @classmethod
-    def of(cls, subsystem: Node) -> "Objects | None":
-        """The objects that a subsystem holds; None where there are none of this kind."""
-        if not isinstance(subsystem, Numbers):
-            return None
-        raw = _bytes(subsystem)
-        order = "<" if raw[2:4] == b"IM" else ">"
-        first = next(iter(elements_from(memoryview(raw), 8, order).further), None)
-        wrapper = first.fields.get("MCOS") if isinstance(first, Struct) else None
-        cells = wrapper.reference if isinstance(wrapper, Unreadable) else None
-        return cls(cells) if isinstance(cells, Cells) else None
+    def told(self, node: Node, depth: int = 0) -> Node:
+        """A node with the objects in it; one whose objects are damaged says why, and takes no other with it."""
+        try:
+            return self.resolved(node, depth)
+        except DamageError as error:
+            return Unreadable(node.kind if isinstance(node, Unreadable) else "object", why=str(error))
 
     def resolved(self, node: Node, depth: int = 0) -> Node:
         """A node with the objects in it as structs of their properties; what is none stays unreadable."""
@@ -87,7 +166,7 @@ class Objects:
         if depth > _DEEPEST or self.left < 0:
             raise DamageError("its objects hold each other too deeply")
         if isinstance(node, Unreadable):
-            return self._referred(node, node.reference, depth)
+            return node if node.reference is None else self._referred(node, node.reference, depth)
         if isinstance(node, Numbers) and _is_reference(node):
             return self._referred(Unreadable("object", node), node, depth)
         if isinstance(node, Struct):
@@ -101,43 +180,51 @@ class Objects:
 
     def _referred(self, node: Unreadable, reference: Node | None, depth: int) -> Node:
         """The objects of a reference: tag, number of dimensions, sizes, a number for each object, that of the class."""
+        if self.why:
+            return replace(node, why=self.why)
         if not isinstance(reference, Numbers) or not _is_reference(reference):
-            return node
+            return replace(node, why="it is an enumeration or an object without numbers")
         numbers = [int(n) for n in reference.values.ravel(order="F")]
         sizes = numbers[2 : 2 + numbers[1]]
         given = numbers[2 + len(sizes) : -1]
         if len(given) != int(np.prod(sizes, dtype=float)) or len(given) > self.left:
             raise DamageError("the numbers of its objects make no sense")
-        made = [self._object(number, numbers[-1], node, depth) for number in given]
+        made = [self._object(number, numbers[-1], depth) for number in given]
         if len(made) == 1:
             return made[0]
         structs = [one for one in made if isinstance(one, Struct)]
         return Structs(structs, tuple(sizes)) if len(structs) == len(made) else node
 
-    def _object(self, number: int, of: int, node: Unreadable, depth: int) -> Node:
+    def _object(self, number: int, of: int, depth: int) -> Node:
         if not 0 < number < len(self.objects):
             raise DamageError(f"it holds no object {number}")
+        if number in self.within:
+            raise DamageError("its objects hold each other too deeply")
         class_, _, _, stored, plain, _ = self.objects[number]
-        kind = class_ or of
-        if not 0 < kind < len(self.classes):
-            return node
         block = self._block(self.stored, stored) if stored else self._block(self.plain, plain)
-        fields = dict(self._defaults(kind))
+        fields = dict(self._defaults(class_ or of)) | self._stated(block)
+        self.within.append(number)
+        try:
+            return Struct(
+                {name: self.told(inner, depth + 1) for name, inner in fields.items()}, self._class(class_ or of)
+            )
+        finally:
+            self.within.pop()
+
+    def _class(self, number: int) -> str:
+        if not 0 < number < len(self.classes):
+            raise DamageError(f"it holds no class {number}")
+        return ".".join(part for part in map(self._name, self.classes[number][:2]) if part)
+
+    def _stated(self, block: list[tuple[int, int, int]]) -> dict[str, Node]:
+        """What an object says of itself."""
+        fields: dict[str, Node] = {}
         for name, sort, at in block:
             if sort == _VALUE:
                 fields[self._name(name)] = self._cell(at)
             elif sort == _NAME:
                 fields[self._name(name)] = Text(self._name(at))
-        package, own = self.classes[kind][:2]
-        said = ".".join(part for part in (self._name(package), self._name(own)) if part)
-        return Struct({name: self._property(inner, depth) for name, inner in fields.items()}, said)
-
-    def _property(self, node: Node, depth: int) -> Node:
-        """One that cannot be read does not take the others with it."""
-        try:
-            return self.resolved(node, depth + 1)
-        except DamageError as error:
-            return Unreadable(str(error))
+        return fields
 
     def _cell(self, at: int) -> Node:
         if not 0 <= at < len(self.cells) - 2:
@@ -146,7 +233,7 @@ class Objects:
 
     def _defaults(self, kind: int) -> Mapping[str, Node]:
         table = self.cells[-1]
-        given = table.cells[kind] if isinstance(table, Cells) and kind < len(table.cells) else None
+        given = table.cells[kind] if isinstance(table, Cells) and 0 < kind < len(table.cells) else None
         return given.fields if isinstance(given, Struct) else {}
 
     def _name(self, index: int) -> str:

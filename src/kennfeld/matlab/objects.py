@@ -9,11 +9,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.matlab.values import EMPTY, Struct, Value, characters, numbers, object_array, plain, text
+from kennfeld.matlab.values import (
+    EMPTY,
+    Cell,
+    NoValueError,
+    Struct,
+    Value,
+    characters,
+    numbers,
+    object_array,
+    plain,
+    scalar,
+    text,
+)
 
-__all__ = ["Breakpoint", "LookupTable", "Parameter", "defaults", "is_constructor", "made", "parameter_of"]
+__all__ = [
+    "ENUMERATION",
+    "Breakpoint",
+    "LookupTable",
+    "Parameter",
+    "defaults",
+    "enumeration",
+    "is_constructor",
+    "made",
+    "parameter_of",
+]
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
+ENUMERATION = "Simulink.IntEnumType"
+_VARIANT, _CONTROL = "Simulink.Variant", "Simulink.VariantControl"
 _CODER = {"StorageClass": "Auto", "Alias": "", "Identifier": "", "CustomStorageClass": "Default"}
 _PLAIN: Mapping[str, Value] = {
     "Value": EMPTY,
@@ -25,6 +49,7 @@ _PLAIN: Mapping[str, Value] = {
 }
 _KINDS = frozenset(
     {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType"}
+    | {"Variant", "VariantControl"}
 )
 _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", "canlib", "lookuptable"})
 
@@ -77,14 +102,42 @@ def is_constructor(path: str) -> bool:
 def made(path: str, arguments: Sequence[Value]) -> Struct:
     """A new object of a class, with the value given to its constructor, if any."""
     fields = defaults(path)
+    if path in (_VARIANT, _CONTROL):
+        return _variant(path, fields, arguments)
     if arguments and "Value" in fields:
         fields["Value"] = arguments[0]
     return Struct.of(fields, path)
 
 
+def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) -> Struct:
+    """A Simulink.Variant of a condition, or a Simulink.VariantControl of properties in pairs."""
+    if path == _VARIANT and arguments:
+        fields["Condition"] = arguments[0]
+    for name, value in zip(arguments[::2], arguments[1::2], strict=False):
+        if path == _CONTROL and isinstance(name, np.ndarray) and name.dtype.kind == "U" and text(name) in fields:
+            fields[text(name)] = value
+    return Struct.of(fields, path)
+
+
+def enumeration(arguments: Sequence[Value]) -> tuple[str, Struct]:
+    """What Simulink.defineIntEnumType makes of a name, a list of members and their numbers; raises `NoValueError`."""
+    if len(arguments) < 3 or not isinstance(arguments[1], Cell):
+        raise NoValueError("it takes a name, a list of members and their numbers")
+    members = [text(one) for one in arguments[1].values.ravel(order="F")]
+    values = numbers(arguments[2]).ravel(order="F")
+    if len(members) != values.size:
+        raise NoValueError(f"it has {len(members)} members and {values.size} numbers")
+    fields: dict[str, Value] = {name: scalar(float(value)) for name, value in zip(members, values, strict=True)}
+    return text(arguments[0]), Struct.of(fields, ENUMERATION)
+
+
 def defaults(kind: str) -> dict[str, Value]:
     """The properties of a new object of a class."""
     name = kind.rpartition(".")[2]
+    if kind == _VARIANT:
+        return {"Condition": characters("")}
+    if kind == _CONTROL:
+        return {"Value": _PLAIN["Value"], "ActivationTime": characters("update diagram")}
     if kind in (_TABLE, _POINTS):
         return {**_PLAIN, "FieldName": characters("")}
     if name == "LookupTable":
@@ -106,7 +159,7 @@ def defaults(kind: str) -> dict[str, Value]:
 
 def parameter_of(value: Value) -> Parameter | LookupTable | Breakpoint | None:
     """What an object means; None for what is none of those objects, or has no numbers."""
-    if not isinstance(value, Struct) or not value.kind or value.elements.size != 1:
+    if not isinstance(value, Struct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
         return None
     fields = value.fields
     if isinstance(fields.get("Table"), Struct):

@@ -18,6 +18,7 @@ from kennfeld.matlab.budget import Budget, LimitError
 from kennfeld.matlab.errors import MatlabError, located
 from kennfeld.matlab.evaluation import Evaluator, Given, chain_of
 from kennfeld.matlab.functions.searching import matches
+from kennfeld.matlab.objects import enumeration
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.printing import printed
 from kennfeld.matlab.values import (
@@ -250,7 +251,23 @@ class _Runner(Evaluator):
                 return
             if not steps and self._script_beside(base.name):
                 return
+            if base.name == "Simulink" and self._defines(steps, statement):
+                return
         self.values(statement.expression, 0)
+
+    def _defines(self, steps: Sequence[m.Expression], statement: m.Evaluate) -> bool:
+        """Whether a statement defines an enumeration, which is then a struct of its members."""
+        first, second = steps if len(steps) == 2 else (None, None)
+        if not isinstance(first, m.Field) or first.name != "defineIntEnumType" or not isinstance(second, m.Call):
+            return False
+        try:
+            name, made = enumeration(self._arguments(second.arguments))
+        except NoValueError as error:
+            raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
+        self.variables[name] = made
+        self.undefined.pop(name, None)
+        self.lines.setdefault(name, statement.place.line)
+        return True
 
     def _is_own(self, name: str) -> bool:
         return name in self.functions or name in self.local

@@ -12,12 +12,15 @@ __all__ = [
     "PACKING",
     "Cells",
     "DamageError",
+    "Loaded",
     "Node",
     "Numbers",
     "Struct",
     "Structs",
     "Text",
+    "TooManyError",
     "Unreadable",
+    "text_in_rows",
     "text_of",
 ]
 
@@ -28,6 +31,10 @@ PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
 
 class DamageError(Exception):
     """What no MATLAB writes; the text says what it is."""
+
+
+class TooManyError(DamageError):
+    """More arrays than a file may hold, which ends the reading of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +51,10 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Text:
-    """An array of characters."""
+    """An array of characters; where it has several rows, `rows` are they, and stand one below the other in `text`."""
 
     text: str
+    rows: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -77,14 +85,52 @@ class Cells:
 class Unreadable:
     """What only MATLAB can read, by the word for it: `table`, `timeseries`, `sparse matrix`.
 
-    Of an object, `reference` tells where its properties are.
+    Of an object, `reference` tells where its properties are. `why` says what is wrong with a value that is damaged, or
+    with the object that it is.
     """
 
     kind: str
     reference: "Node | None" = None
+    why: str = ""
 
 
 Node: TypeAlias = Numbers | Text | Struct | Structs | Cells | Unreadable
+
+
+@dataclass
+class Loaded:
+    """The variables of a file, and the arrays without a name behind them, where objects keep their properties.
+
+    What is damaged stands among them as `Unreadable`. `damage` is the first that was found, `lost` the first by which
+    variables may be missing.
+    """
+
+    variables: dict[str, Node] = field(default_factory=dict)
+    further: list[Node] = field(default_factory=list)
+    damage: str = ""
+    lost: str = ""
+
+    def whole(self) -> "Loaded":
+        """The same; `DamageError` where anything of it is damaged."""
+        if self.damage or self.lost:
+            raise DamageError(self.damage or self.lost)
+        return self
+
+    def lose(self, what: str) -> None:
+        """Note that something of the file is lost."""
+        self.lost, self.damage = self.lost or what, self.damage or what
+
+
+def text_in_rows(letters: str, rows: int) -> Text:
+    """An array of characters, given column by column.
+
+    >>> text_in_rows("ab cd ", 2).rows
+    ('a c', 'b d')
+    """
+    if not 1 < rows <= len(letters):
+        return Text(letters)
+    found = tuple(letters[row::rows].rstrip() for row in range(rows))
+    return Text("\n".join(found), found)
 
 
 def text_of(node: Node | None) -> str:

@@ -9,27 +9,30 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.matlab.sparse import MOST_DENSE, dense
 from kennfeld.matlab.tree import (
     MOST_BYTES,
     MOST_NODES,
     PACKING,
     Cells,
     DamageError,
+    Loaded,
     Node,
     Numbers,
     Struct,
     Structs,
     Text,
+    TooManyError,
     Unreadable,
+    text_in_rows,
 )
 
-__all__ = ["Loaded", "elements_from", "load", "load_all"]
+__all__ = ["elements_from", "load", "load_all"]
 
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
@@ -39,54 +42,70 @@ _FLOATING, _LAST_NUMERIC = (6, 7), 15  # the classes double and single; those up
 _COMPLEX, _LOGICAL = 0x800, 0x200
 _CLASSES = {6: "double", 7: "single", 8: "int8", 9: "uint8", 10: "int16", 11: "uint16"}
 _CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
+_CODES = (2, 3, 4, 5, 6)  # the types in which characters stand as numbers
 _DEEPEST = 50
+_MOST_DIMENSIONS = 32
+_MOST_CLAIMED = 2**48  # values of an array that may be empty
 
 
 def load(content: memoryview) -> dict[str, Node]:
     """The variables of a file with this content; `DamageError` where it is none that MATLAB writes."""
-    return load_all(content).variables
+    return load_all(content).whole().variables
 
 
-@dataclass
-class Loaded:
-    """The variables of a file, and the arrays without a name behind them, where objects keep their properties."""
-
-    variables: dict[str, Node] = field(default_factory=dict)
-    further: list[Node] = field(default_factory=list)
+def load_all(content: memoryview, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> Loaded:
+    """All arrays of a file with this content, the damaged ones among them."""
+    order = "<" if bytes(content[126:128]) == b"IM" else ">"
+    return elements_from(content, 128, order, most_bytes, most_nodes)
 
 
-def load_all(content: memoryview, most_bytes: int = MOST_BYTES) -> Loaded:
-    """All arrays of a file with this content."""
-    return elements_from(content, 128, "<" if bytes(content[126:128]) == b"IM" else ">", most_bytes)
-
-
-def elements_from(content: memoryview, begin: int, order: str, most_bytes: int = MOST_BYTES) -> Loaded:
-    """The arrays that stand from a byte on; `order` is < or >, as the file says."""
-    reader, found, total = _Reader(order), Loaded(), 0
-    for kind, element in _unpacked(content, order, begin, most_bytes):
-        total += len(element)
-        if total > most_bytes:
-            raise DamageError(f"its arrays are of more than {most_bytes} bytes")
-        if kind == _MATRIX:
-            name, node = reader.array(element, 0)
-            if name:
-                found.variables[name] = node
-            else:
-                found.further.append(node)
+def elements_from(
+    content: memoryview, begin: int, order: str, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES
+) -> Loaded:
+    """The arrays that stand from a byte on, the damaged ones among them; `order` is < or >, as the file says."""
+    reader, found, left = _Reader(order, most_nodes), Loaded(), most_bytes
+    try:
+        for kind, at, raw in _framed(content, order, begin):
+            if (element := _unpacked(found, kind, raw, at, order, left)) is not None:
+                left -= len(element)
+                _take(found, *reader.array(element, 0))
+    except DamageError as error:
+        found.lose(str(error))
+    found.damage = found.damage or reader.damage
     return found
 
 
-def _unpacked(content: memoryview, order: str, at: int, most_bytes: int) -> Iterator[tuple[int, memoryview]]:
-    """Type and content of each element of the file."""
+def _take(found: Loaded, name: str, node: Node) -> None:
+    if name:
+        found.variables[name] = node
+        return
+    found.further.append(node)
+    if isinstance(node, Unreadable) and node.why:
+        found.lose(node.why)
+
+
+def _framed(content: memoryview, order: str, at: int) -> Iterator[tuple[int, int, memoryview]]:
+    """Type, place and content of each element of the file, packed as it is."""
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         if at + 8 + length > len(content):
             raise DamageError(f"the element at byte {at} claims {length} bytes")
-        element = content[at + 8 : at + 8 + length]
-        yield _inflated(element, at, order, most_bytes) if kind == _COMPRESSED else (kind, element)
+        yield kind, at, content[at + 8 : at + 8 + length]
         at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
     if any(content[at:]):
         raise DamageError(f"the {len(content) - at} bytes at its end belong to no array")
+
+
+def _unpacked(found: Loaded, kind: int, raw: memoryview, at: int, order: str, left: int) -> memoryview | None:
+    """The content of an array; None for other elements, and for one that is garbled, which does not end the file."""
+    try:
+        kind, element = _inflated(raw, at, order, left) if kind == _COMPRESSED else (kind, raw)
+    except DamageError as error:
+        found.lose(str(error))
+        return None
+    if len(element) > left:
+        raise DamageError(f"its arrays are of more than {left} bytes")
+    return element if kind == _MATRIX else None
 
 
 def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple[int, memoryview]:
@@ -100,39 +119,60 @@ def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple
         unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
     except (zlib.error, struct.error):
         raise DamageError(f"the packed element at byte {at} is garbled") from None
-    if len(found) < claimed or not unpacker.eof:
+    if len(found) < claimed:  # an end of the stream may be missing: MATLAB does not write it behind objects
         raise DamageError(f"the packed element at byte {at} is cut off")
     return kind, memoryview(found)
 
 
 class _Reader:
-    """Turns arrays into nodes and counts them."""
+    """Turns arrays into nodes and counts them; `damage` is the first that it found."""
 
-    def __init__(self, order: str) -> None:
+    def __init__(self, order: str, most: int) -> None:
         self.order = order
+        self.most = most
         self.count = 0
+        self.dense = MOST_DENSE
+        self.damage = ""
 
     def array(self, content: memoryview, depth: int) -> tuple[str, Node]:
-        """Name and node of an array with this content."""
-        self.count += 1
-        if self.count > MOST_NODES:
-            raise DamageError(f"it holds more than {MOST_NODES} arrays")
-        if depth > _DEEPEST:
-            raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
-        if not content:
-            return "", Numbers(np.empty((0, 0)))
-        parts = self._elements(content)
-        _, flags = self._next(parts, "flags")
-        (said,) = struct.unpack(f"{self.order}I", flags[:4].tobytes().ljust(4, b"\0"))
-        kind = said & 0xFF
-        if kind == _OPAQUE:
-            return self._opaque(list(parts), depth)
+        """Name and node of an array with this content; damage does not reach beyond it."""
+        self._counted(1)
+        name = ""
+        try:
+            if depth > _DEEPEST:
+                raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
+            if not content:
+                return "", Numbers(np.empty((0, 0)))
+            parts = self._elements(content)
+            flags = self._flags(parts)
+            if flags & 0xFF == _OPAQUE:
+                return self._opaque(list(parts), depth)
+            shape = self._shape(parts)
+            name = _text(*self._next(parts, "name"))
+            return name, self._content(flags & 0xFF, flags, shape, parts, depth)
+        except TooManyError:
+            raise
+        except DamageError as error:
+            self.damage = self.damage or str(error)
+            return name, Unreadable("damaged value", why=str(error))
+
+    def _counted(self, more: int) -> None:
+        self.count += more
+        if self.count > self.most:
+            raise TooManyError(f"it holds more than {self.most} arrays")
+
+    def _flags(self, parts: Iterator[tuple[int, memoryview]]) -> int:
+        _, raw = self._next(parts, "flags")
+        return int.from_bytes(raw[:4].tobytes().ljust(4, b"\0"), "little" if self.order == "<" else "big")
+
+    def _shape(self, parts: Iterator[tuple[int, memoryview]]) -> tuple[int, ...]:
         _, sizes = self._next(parts, "dimensions")
         shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
-        if min(shape, default=0) < 0:
+        if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MOST_CLAIMED:
             raise DamageError(f"an array claims {' x '.join(map(str, shape))} values")
-        name = _text(*self._next(parts, "name"))
-        return name, self._content(kind, said, shape, parts, depth)
+        if not 2 <= len(shape) <= _MOST_DIMENSIONS:
+            raise DamageError(f"an array claims {len(shape)} dimensions")
+        return shape
 
     def _opaque(self, parts: list[tuple[int, memoryview]], depth: int) -> tuple[str, Node]:
         """An object: its name, unless it stands within others, the system of its class, its class, its reference."""
@@ -149,16 +189,24 @@ class _Reader:
         if kind == _CELL:
             return Cells([self._inner(parts, depth) for _ in range(self._claimed(shape))], shape)
         if kind == _CHARACTERS:
-            return Text(_characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else "")
-        if kind == _SPARSE:
-            return Unreadable("sparse matrix")
-        if flags & _COMPLEX:
+            return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else Text("")
+        if flags & _COMPLEX and kind <= _LAST_NUMERIC:
             return Unreadable("complex numbers")
+        if kind == _SPARSE:
+            return self._sparse(flags, shape, parts)
         if not _OBJECT < kind <= _LAST_NUMERIC:
             return Unreadable("function handle" if kind == _FUNCTION else "object")
         values = self._numbers(shape, *self._next(parts, "numbers")) if math.prod(shape) else np.empty(shape)
         name = "logical" if flags & _LOGICAL else _CLASSES[kind]
         return Numbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
+
+    def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> Node:
+        if math.prod(shape) > self.dense:
+            return Unreadable("sparse matrix")
+        rows, starts, values = (self._row(*self._next(parts, what)) for what in ("rows", "columns", "numbers"))
+        self.dense -= math.prod(shape)
+        logical = bool(flags & _LOGICAL)
+        return Numbers(dense(shape, rows, starts, values), logical, "logical" if logical else "double")
 
     def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
         if kind == _OBJECT:
@@ -168,6 +216,7 @@ class _Reader:
         each = max(int.from_bytes(bytes(width[:4]), "little" if self.order == "<" else "big"), 1)
         fields = [_text(1, names[k : k + each]) for k in range(0, len(names), each)]
         count = self._claimed((*shape, max(len(fields), 1))) // max(len(fields), 1)
+        self._counted(count)
         elements = [Struct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
         return elements[0] if count == 1 else Structs(elements, shape)
 
@@ -177,18 +226,26 @@ class _Reader:
 
     def _claimed(self, shape: tuple[int, ...]) -> int:
         """How many arrays a cell array or a struct says that it holds; no more than there may be."""
-        if math.prod(shape) > MOST_NODES:
+        if math.prod(shape) > self.most:
             raise DamageError(f"an array claims {' x '.join(map(str, shape))} values")
         return math.prod(shape)
 
     def _numbers(self, shape: tuple[int, ...], kind: int, content: memoryview) -> NDArray[Any]:
         """The numbers in the type in which they are stored, which may be smaller than that of their class."""
-        if kind not in _STORED:
-            raise DamageError(f"an array is stored in an unknown type {kind}")
-        stored = np.dtype(self.order + _STORED[kind])
+        stored = self._stored(kind)
         if math.prod(shape) * stored.itemsize != len(content):
             raise DamageError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
         return np.frombuffer(content, stored).reshape(shape, order="F")
+
+    def _row(self, kind: int, content: memoryview) -> NDArray[Any]:
+        """All numbers of an element."""
+        stored = self._stored(kind)
+        return np.frombuffer(content[: len(content) // stored.itemsize * stored.itemsize], stored)
+
+    def _stored(self, kind: int) -> np.dtype[Any]:
+        if kind not in _STORED:
+            raise DamageError(f"an array is stored in an unknown type {kind}")
+        return np.dtype(self.order + _STORED[kind])
 
     def _elements(self, content: memoryview) -> Iterator[tuple[int, memoryview]]:
         """Type and content of the elements of an array."""
@@ -217,17 +274,15 @@ def _text(kind: int, content: memoryview) -> str:
     return bytes(content).partition(b"\0")[0].decode(_ENCODED.get(kind, "utf-8"), errors="replace")
 
 
-def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> str:
-    """The rows of an array of characters, one below the other."""
+def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> Text:
+    """An array of characters, of which the first of all rows come first."""
     if kind in _ENCODED:
         ending = {"<": "-le", ">": "-be"}[order] if kind > 16 else ""
         letters = bytes(content).decode(_ENCODED[kind] + ending, errors="replace")
-    elif kind in (2, 4):
-        codes = np.frombuffer(
-            content[: len(content) // int(_STORED[kind][1]) * int(_STORED[kind][1])], order + _STORED[kind]
-        )
-        letters = "".join(map(chr, codes.tolist()))
+    elif kind in _CODES:
+        stored = np.dtype(order + _STORED[kind])
+        codes = np.frombuffer(content[: len(content) // stored.itemsize * stored.itemsize], stored)
+        letters = "".join(map(chr, codes.astype(np.int64).clip(0, 0x10FFFF).tolist()))
     else:
         letters = bytes(content).decode("latin-1")
-    rows = shape[0]
-    return "\n".join(letters[row::rows].rstrip() for row in range(rows)) if 1 < rows <= len(letters) else letters
+    return text_in_rows(letters, shape[0])

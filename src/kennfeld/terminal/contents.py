@@ -69,10 +69,13 @@ class Contents:
         return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
 
 
-def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
+def contents(
+    path: str | Path, a2l: str | Path | None = None, subsystem: str = "", parameters: Sequence[str | Path] = ()
+) -> Contents:
     """What is in a measurement, calibration, A2L, formula, Simulink, project or training file, told by its content.
 
-    `a2l` describes the labels of an image; by default the A2L file beside it.
+    `a2l` describes the labels of an image; by default the A2L file beside it. Of a Simulink model, `subsystem` is the
+    part to import, and `parameters` are files with values of its variables.
 
     Raises `InputError` where there is no such file, or it can be read as none of these.
     """
@@ -82,10 +85,10 @@ def contents(path: str | Path, a2l: str | Path | None = None) -> Contents:
     if file.suffix.lower() == ".sldd":
         return _dictionary(file)
     if file.suffix.lower() in (".slx", ".mdl"):  # a damaged one too
-        return _simulink(file)
+        return _simulink(file, subsystem, parameters)
     kind, head = _sniffed(file)
     if kind is Kind.MODEL or simulink.recognises_simulink(head.encode()):
-        return _simulink(file)
+        return _simulink(file, subsystem, parameters)
     if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
         return _training(file) if is_training(read_toml(file)) else _project(file)
     if recognises_surrogate(head):
@@ -303,15 +306,15 @@ def _formula(file: Path, model: Model) -> Contents:
     return Contents(summary, [inputs, parameters, nodes], notes, as_json)
 
 
-def _simulink(file: Path) -> Contents:
+def _simulink(file: Path, subsystem: str, parameters: Sequence[str | Path]) -> Contents:
     found = simulink.outline(file)
     as_json = {"content": "Simulink model", **found.as_dict()}
     tables, notes = model_tables(found), model_notes(found)
-    if found.kind == "model":
-        from kennfeld.models.simulink.importing import import_simulink  # all block types
+    if found.kind != "library":
+        from kennfeld.models.simulink.parts import inspect_simulink  # all block types
 
         try:
-            report = import_simulink(file).report
+            report = inspect_simulink(file, subsystem or None, parameters)
         except InputError as error:  # nothing in it can be a function
             notes = [*notes, *(str(finding) for finding in error.findings)]
         else:

@@ -63,19 +63,34 @@ def model_notes(found: Outline) -> list[str]:
 
 
 def import_tables(report: ImportReport) -> list[Rows]:
-    """Parameters with the sources of their values, and blocks that cannot be built."""
+    """Where values come from, what has none, what cannot be built, and what can be imported by itself."""
     sources: Rows = [("parameter", "value from"), *report.sources.items()]
+    valueless: Rows = [("variable without a value", "blocks", "needed by")]
+    valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
     missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
-    missing += [(one.path, one.type, one.why, one.mend, "yes" if one.stops else "no") for one in report.unsupported]
-    return [sources, missing]
+    missing += [
+        (_listed([one.path for one in several], 1), first.type, first.why, first.mend, "yes" if first.stops else "no")
+        for several in report.groups
+        for first in several[:1]
+    ]
+    parts: Rows = [("can be imported by itself", "blocks", "inputs", "outputs")]
+    parts += [(one.path, str(one.blocks), ", ".join(one.inputs), ", ".join(one.outputs)) for one in report.subsystems]
+    return [sources, valueless, missing, parts]
+
+
+def _listed(paths: Sequence[str], shown: int = 3) -> str:
+    """The first paths, and how many more there are."""
+    return ", ".join(paths[:shown]) + (f" and {len(paths) - shown} more" if len(paths) > shown else "")
 
 
 def import_notes(report: ImportReport) -> list[str]:
     """How much of the model can be calibrated, and what runs in another way than in Simulink."""
     whole = "all outputs can be calibrated" if report.whole else "some outputs cannot be calibrated as it is"
+    give = "Give the variables values with --parameters: scripts (.m), .mat, .sldd, calibration files."
     loops = [f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops]
     return [
         f"{report.supported} of {_counted(report.total, 'block')} supported; {whole}",
+        *([give] if report.undefined else []),
         *loops,
         *report.substitutions,
     ]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from kennfeld.models.simulink.chart import Chart
 from kennfeld.models.simulink.masks import mask_of
@@ -122,6 +123,7 @@ class Builder:
             model=_model(keys) if kind == "ModelReference" else "",
             signals=_signals(section),
             attached=dict(section.links),
+            lists=_lists(section),
         )
 
     def _enumerations(self, parameters: Mapping[str, str]) -> None:
@@ -130,12 +132,13 @@ class Builder:
             self.enumerations[written[5:].strip()] = None
 
     def _distinct(self, blocks: list[Block], path: tuple[str, ...]) -> list[Block]:
-        """The blocks, each with a SID of its own; lines would not know one from the other."""
+        """The blocks, each with a SID of its own, as lines that go by names need it."""
         seen: set[str] = set()
-        for block in blocks:
+        for number, block in enumerate(blocks):
             if block.sid in seen:
-                what = f"has two blocks with the SID {block.sid[:40]}; lines to it may go to either"
+                what = f"has two blocks with the SID {block.sid[:40]}; lines that go by it go to the first"
                 self.trouble.remark(f"{joined(*path)[:80] or 'the root'} {what}")
+                blocks[number] = block = replace(block, sid=f"{number + 1}@{block.path}")
             seen.add(block.sid)
         return blocks
 
@@ -224,6 +227,14 @@ def _signals(block: Section) -> dict[int, str]:
         if name and port.keys.get("Type", "out") == "out":
             names[_count(port.keys.get("Index") or port.keys.get("PortNumber", "1"))] = name
     return names
+
+
+def _lists(section: Section) -> dict[str, tuple[str, ...]]:
+    """The parameters that are arrays of texts, or one text a port."""
+    arrays = {part.keys.get("PropName", ""): part for part in section.all("Array")}
+    found = {name: tuple(one.text for one in part.parts if not one.parts) for name, part in arrays.items()}
+    given = {part.keys.get("ListType", ""): part.keys for part in section.all("List")}
+    return found | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in given.items()}
 
 
 def _reference(kind: str, parameters: Mapping[str, str], instance: Section | None) -> Reference | None:

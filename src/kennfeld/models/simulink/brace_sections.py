@@ -36,6 +36,7 @@ _ENCODINGS = {
     "windows-949": "cp949",
 }
 _HEAD = 65536
+_ELEMENTS = ("Cell", "String")
 _LONGEST_MATRIX = 2000  # lines
 
 
@@ -96,7 +97,14 @@ class _Reader:
         elif not self.open:
             raise self._wrong(line)
         else:
-            self.open[-1].keys[key.removeprefix("$")] = self._value(value)
+            self._key(key.removeprefix("$"), self._value(value))
+
+    def _key(self, key: str, value: str) -> None:
+        """A key with its value; the elements of an array all have the same key."""
+        if key in _ELEMENTS and self.open[-1].kind == "Array":
+            self.open[-1].parts.append(Section(key, self.at, text=value))
+        else:
+            self.open[-1].keys[key] = value
 
     def _open(self, kind: str) -> None:
         section = Section(kind, self.at)

@@ -13,8 +13,9 @@ import numpy as np
 
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError
+from kennfeld.matlab.tree import DamageError
 from kennfeld.models.simulink.data import Data, Entry, Value, entry_of
-from kennfeld.models.simulink.mat5 import Mat5Error
+from kennfeld.models.simulink.enumerations import enumerals
 from kennfeld.models.simulink.package import Package, is_zip, zip_package
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.settings import solver_from
@@ -40,7 +41,8 @@ class Dictionary:
     """A data dictionary.
 
     `references` are the names of further dictionaries whose entries belong to it; `solvers` are the configurations
-    kept in it, by name; `types` are the names of its enumerated types, buses and aliases.
+    kept in it, by name; `types` are the names of its enumerated types, buses and aliases, `enumerations` the members of
+    those that are enumerated, by name.
     """
 
     path: Path
@@ -48,15 +50,17 @@ class Dictionary:
     references: tuple[str, ...] = ()
     solvers: Mapping[str, Solver] = field(default_factory=dict)
     types: tuple[str, ...] = ()
+    enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
+_ENUMERATION = "Simulink.data.dictionary.EnumTypeDefinition"
 _TYPE_CLASSES = frozenset(
     {
         "Simulink.AliasType",
         "Simulink.Bus",
         "Simulink.NumericType",
         "Simulink.ValueType",
-        "Simulink.data.dictionary.EnumTypeDefinition",
+        _ENUMERATION,
     }
 )
 
@@ -77,7 +81,7 @@ def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
         return read
     seen, waiting = {path.resolve()}, [(path.parent, name) for name in read.references]
     entries, unreadable, solvers = dict(read.data.entries), dict(read.data.unreadable), dict(read.solvers)
-    types = dict.fromkeys(read.types)
+    types, enumerations = dict.fromkeys(read.types), dict(read.enumerations)
     while waiting:
         folder, name = waiting.pop(0)
         file = folder / name
@@ -92,8 +96,10 @@ def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
         unreadable = {**further.data.unreadable, **unreadable}
         solvers = {**further.solvers, **solvers}
         types |= dict.fromkeys(further.types)
+        enumerations = {**further.enumerations, **enumerations}
         waiting += [(file.parent, reference) for reference in further.references]
-    return replace(read, data=Data(entries, unreadable), solvers=solvers, types=tuple(types))
+    data = Data(entries, unreadable)
+    return replace(read, data=data, solvers=solvers, types=tuple(types), enumerations=enumerations)
 
 
 def _one(path: Path) -> Dictionary:
@@ -126,6 +132,7 @@ def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
     references: list[str] = []
     solvers: dict[str, Solver] = {}
     types: list[str] = []
+    enumerations: dict[str, Mapping[str, float]] = {}
     for thing in (part for root in roots for part in root.all("Object")):
         kind, said = thing.keys.get("Class", ""), _properties(thing)
         if kind == "DD.DICTIONARYREFERENCE":
@@ -138,9 +145,11 @@ def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
             solvers[name] = solver_from(given)
         elif any(found in _TYPE_CLASSES for found in classes):
             types.append(name)
+            if _ENUMERATION in classes:
+                enumerations[name] = enumerals(given)
         else:
             _add(name, given, entries, unreadable)
-    return Dictionary(path, Data(entries, unreadable), tuple(references), solvers, tuple(types))
+    return Dictionary(path, Data(entries, unreadable), tuple(references), solvers, tuple(types), enumerations)
 
 
 def _add(name: str, given: Section, entries: dict[str, Entry], unreadable: dict[str, str]) -> None:
@@ -228,5 +237,5 @@ def _encoded(section: Section) -> Value:
         return mxarray_value(binascii.unhexlify("".join(section.text.split())))
     except (binascii.Error, ValueError):
         raise _Unreadable("its bytes cannot be decoded") from None
-    except Mat5Error as error:
+    except DamageError as error:
         raise _Unreadable(f"its bytes cannot be decoded: {error}") from None

@@ -35,7 +35,11 @@ Held: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
 
 
 class NoValueError(Exception):
-    """An expression has no value here; the text says why."""
+    """An expression has no value here; the text says why. `undefined` is the variable that nothing gives a value."""
+
+    def __init__(self, why: str, undefined: str = "") -> None:
+        super().__init__(why)
+        self.undefined = undefined
 
 
 class _BeyondGraphError(Exception):
@@ -73,6 +77,7 @@ _CONSTANTS: Final = {
     "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),
 }  # fmt: skip
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
+_ASKING: Final = ("get_param", "eval", "str2num", "str2double")
 _LONGEST: Final = 1_000_000  # elements of an array that an expression makes
 _CASTS: Final = [
     "double",
@@ -184,7 +189,7 @@ class Expressions:
         if found is None:
             return None
         if isinstance(found, Variable):
-            return found.value
+            return _shown(found, scope) if name == "gcb" else found.value
         if isinstance(found, Coded):
             return self._coded(found)
         if not found.evaluated:
@@ -211,10 +216,10 @@ class Expressions:
         if isinstance(found, Coded):
             return self.constant(self._coded(found))
         if isinstance(found, Variable):
-            return self.variable(name, found, live)
+            return self.constant(_shown(found, scope)) if name == "gcb" else self.variable(name, found, live)
         if name in _CONSTANTS:
             return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
-        raise NoValueError(f"{name} is defined nowhere")
+        raise NoValueError(f"{name} is defined nowhere", name)
 
     def _coded(self, found: Coded) -> Value:
         """The value that a mask's code gives a name; the variables in it are fixed."""
@@ -246,9 +251,16 @@ class Expressions:
 
     def variable(self, name: str, found: Variable, live: bool) -> Held:
         """A variable, looked up or as constants; parts of a struct are told from each other by their names."""
-        if isinstance(found.value, np.ndarray) and live:
+        if isinstance(found.value, np.ndarray) and live and not found.fixed:
             return self.declared.array(self.loom, name, found)
         return self.constant(found.value)
+
+
+def _shown(found: Variable, scope: Scope) -> Value:
+    """What a block says of itself: what the dialogs of the masks around it show."""
+    if not (found.fixed and isinstance(found.value, Mapping)):
+        return found.value
+    return {**found.value, **scope.shown()}
 
 
 class _Walk:
@@ -340,10 +352,14 @@ class _Walk:
         found: Any = self.scope.find(way[0])
         if isinstance(found, Masked):
             return self._masked_field(found, way[1:])
+        if (part := self.scope.part(way)) is not None:
+            return self.of.variable(".".join(way), part, self.live)
         if isinstance(found, Coded):
             raise _BeyondGraphError("a mask's code makes the struct")
         if found is None:
-            raise NoValueError(f"{way[0]} is defined nowhere")
+            raise NoValueError(f"{way[0]} is defined nowhere", ".".join(way))
+        if found.fixed and way[1] not in found.value:
+            raise NoValueError(f"{way[0]} has no member {way[1]}, but {', '.join(list(found.value)[:8])}")
         value = part_of(found.value, way)
         return self.of.variable(".".join(way), _like(found, value), self.live)
 
@@ -357,18 +373,39 @@ class _Walk:
             tree = m.Field(tree, name)
         return _Walk(self.of, found.outside, self.live, {}).value(tree)
 
+    def _asked(self, name: str, arguments: tuple[m.Expression, ...]) -> Held:
+        """A text that the model says of itself, or what a text means."""
+        if name != "get_param":
+            text = self.value(arguments[0]) if len(arguments) == 1 else None
+            if not isinstance(text, str):
+                raise NoValueError(f"{name} is only followed for one text")
+            return self.of.held(text, self.scope, self.live)
+        holder, key = map(self.value, arguments) if len(arguments) == 2 else ({}, "")
+        said = holder.get(key) if isinstance(holder, Mapping) and isinstance(key, str) else None
+        if not isinstance(said, str):
+            raise NoValueError(f"get_param asks for {str(key)[:40] or 'nothing'}, which only Simulink can tell")
+        return said
+
     def _call(self, tree: m.Call) -> Held:
+        if tree.of == m.Name("bdroot"):
+            return self.value(tree.of)
+        if isinstance(tree.of, m.Name) and len(tree.arguments) == 1 and self._is_enumeration(tree.of.name):
+            return self.nodes(tree.arguments[0])
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
+        if name in _ASKING:
+            return self._asked(name, tree.arguments)
         if name in ("numel", "length") and len(tree.arguments) == 1:
             array = self.nodes(tree.arguments[0])
             size = array.size if name == "numel" or not array.size else max(array.shape)
             return np.array([[self.loom.const(float(size))]], dtype=np.int64)
         if name in _SHAPES:
             return self._shaped(name, tree.arguments)
-        if any(isinstance(argument, m.Text) for argument in tree.arguments):
-            raise _BeyondGraphError(f"the function {name} takes a text")
+        if name not in _KNOWN:
+            for argument in tree.arguments:  # a variable without a value is told by its name
+                self.value(argument)
+            raise _BeyondGraphError(f"the function {name} is for numbers")
         args = [self.nodes(argument) for argument in tree.arguments]
         made = _function(self.loom, name, args)
         if made is None:
@@ -406,6 +443,11 @@ class _Walk:
     def _is_array(self, name: str) -> bool:
         return name in self.names or self.scope.find(name) is not None
 
+    def _is_enumeration(self, name: str) -> bool:
+        """Whether a name is that of an enumeration, which makes a member of a number."""
+        found = self.scope.find(name) if name not in self.names else None
+        return isinstance(found, Variable) and found.fixed and isinstance(found.value, Mapping)
+
     def _index(self, array: Nodes, tree: m.Call) -> Nodes:
         fixed = _Walk(self.of, self.scope, False, self.names)
         places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
@@ -434,13 +476,13 @@ def part_of(value: Value, way: list[str]) -> Value:
     """The part of a struct at the end of a way; raises `NoValueError`."""
     for at, name in enumerate(way[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
-            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}")
+            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}", ".".join(way))
         value = value[name]
     return value
 
 
 def _like(found: Variable, value: Value) -> Variable:
-    return Variable(value, source=found.source)
+    return Variable(value, source=found.source, fixed=found.fixed)
 
 
 def _nodes(held: Held, text: str) -> Nodes:
@@ -518,3 +560,5 @@ _MORE: Final[Mapping[str, tuple[int, Callable[..., Nodes]]]] = {
     "square": (1, lambda loom, x: each(loom, "mul", x, x)),
     "reciprocal": (1, lambda loom, x: each(loom, "div", np.array([[loom.const(1.0)]]), x)),
 }
+
+_KNOWN: Final = frozenset({*_PLAIN, *_MORE, *_CASTS, "min", "max", "sum", "prod"})

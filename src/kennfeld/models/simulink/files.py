@@ -12,6 +12,7 @@ from kennfeld.models.simulink.blocks import Builder
 from kennfeld.models.simulink.brace_sections import brace_sections, brace_text
 from kennfeld.models.simulink.chart import Chart
 from kennfeld.models.simulink.charts import charts_of
+from kennfeld.models.simulink.masks import mask_of
 from kennfeld.models.simulink.package import Package, is_text_package, is_zip, text_package, zip_package
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.settings import active_configuration, callbacks_of, defaults_of, setting, solver_of
@@ -195,4 +196,5 @@ def _document(
         enumerations=tuple(builder.enumerations),
         charts=tuple(builder.charts.values()),
         parameters=dict(model.keys),
+        mask=mask_of(model) or (mask_of(inner) if inner is not None else None),
     )

@@ -15,7 +15,8 @@ from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, opaque
-from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -24,14 +25,17 @@ from kennfeld.models.simulink.libraries import Libraries
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
-from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
 from kennfeld.models.simulink.tree import Block, Document, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
+from kennfeld.models.simulink.variants import content
 
-__all__ = ["Imported", "import_simulink", "simulink"]
+__all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_MOST_ATTEMPTS = 20  # to count passes within passes
+_MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 _CONTINUOUS = {
     "Integrator",
     "PID 1dof",
@@ -88,38 +92,72 @@ def import_simulink(
     step: float | None = None,
 ) -> Imported:
     """As `simulink`, with a report of what became of every block, also where the model is not whole."""
-    path = Path(path)
-    resolved = Libraries(folders).resolve(read_document(path))
-    document = resolved.document
-    variables = variables_of(document, parameters)
-    system, scope, prefix = _system(document, subsystem, variables)
-    cuts = _cuts(path, bind or {}, prefix)
-    models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
-    try:
-        flat = flatten(system, scope, cuts, opaque(), models, frozenset(KINDS))
-    except OverflowError as error:
-        raise InputError.of(path.name, str(error)) from None
-    remarks = [*document.remarks, *(str(f) for f in resolved.problems), *(str(f) for f in variables.findings)]
-    work = _Import(path, document, flat, cuts, frozenset(promote), variables, remarks, step)
-    return work.imported()
+    opened = Opened.of(path, parameters, folders)
+    system, scope, prefix = opened.system(subsystem)
+    cuts = _cuts(opened.path, bind or {}, prefix)
+    return Work(opened, system, scope, cuts, frozenset(promote), step).imported()
 
 
-def _system(document: Document, subsystem: str | None, variables: Variables) -> tuple[System, Scope, str]:
-    """The system to import, the names it sees, and its path."""
-    scope = Scope(variables)
-    if not subsystem:
-        return document.root, scope, ""
-    system, names = document.root, split(subsystem)
-    names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
-    block: Block | None = None
-    for name in names:
-        block = system.by_name.get(name)
-        if block is None or block.system is None:
-            known = [b.path for b in document.root.every() if b.system is not None]
-            mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
-            raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
-        scope, system = scope.within(block), block.system
-    return system, scope, block.path if block is not None else ""
+@dataclass(frozen=True)
+class Opened:
+    """A file that has been read, its links followed; `models` are the names that referenced models see."""
+
+    path: Path
+    document: Document
+    variables: Variables
+    models: Mapping[str, Scope]
+    remarks: tuple[str, ...]
+
+    @staticmethod
+    def of(path: str | Path, parameters: Iterable[Given] = (), folders: Iterable[str | Path] = ()) -> "Opened":
+        """The file, with values for its variables; raises `InputError` where it cannot be read."""
+        resolved = Libraries(folders).resolve(read_document(path))
+        document = resolved.document
+        variables = variables_of(document, parameters)
+        models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
+        remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        variables.update(asked(document, variables))
+        return Opened(Path(path), document, variables, models, remarks)
+
+    def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
+        """The system of a path, the names it sees, and its whole path; raises `InputError` where there is none."""
+        document, scope = self.document, Scope(self.variables)
+        if not subsystem:
+            return document.root, scope, ""
+        system, names = document.root, split(subsystem)
+        names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
+        block: Block | None = None
+        for name in names:
+            block = system.by_name.get(name)
+            if block is None or block.system is None:
+                known = [b.path for b in document.root.every() if b.system is not None]
+                mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
+                raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+            scope, system = scope.within(block), block.system
+        assert block is not None
+        try:
+            return content(block, scope)[0], scope, block.path
+        except NoValueError as error:
+            raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
+
+    def flat(
+        self,
+        system: System,
+        scope: Scope,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        counts: Mapping[str, int] = MappingProxyType({}),
+    ) -> Flat:
+        """The blocks of one of its systems; raises `InputError` where there are too many."""
+        try:
+            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS), counts)
+        except OverflowError as error:
+            raise InputError.of(self.path.name, str(error)) from None
+
+
+def _seen(document: Document, around: Variables) -> dict[str, Variable]:
+    """The names that a referenced model sees: its own, then those of the model around it."""
+    own = variables_of(document, ())
+    return {**around, **own, **asked(document, own)}
 
 
 def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
@@ -136,30 +174,37 @@ def _within(key: str, prefix: str) -> str:
     return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
 
 
-class _Import:
+class Work:
+    """The import of the blocks of one system."""
+
     def __init__(
         self,
-        path: Path,
-        document: Document,
-        flat: Flat,
-        cuts: Mapping[str, str],
-        promote: frozenset[str],
-        variables: Variables,
-        remarks: list[str],
-        step: float | None,
+        opened: Opened,
+        system: System,
+        scope: Scope,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        promote: frozenset[str] = frozenset(),
+        step: float | None = None,
     ) -> None:
-        self.path, self.document, self.flat = path, document, flat
-        self.cuts, self.promote, self.variables = cuts, promote, variables
-        self.remarks = remarks
+        self.path, self.document, self.variables = opened.path, opened.document, opened.variables
+        self.cuts, self.promote = cuts, promote
+        self._opened, self._system, self._scope = opened, system, scope
+        self.flat = self._flat({})
+        self.remarks = list(opened.remarks)
         self.substitutions: list[str] = []
-        self.bound = {key: expression(text, f"{path.name} bind {key}") for key, text in cuts.items()}
+        self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
+        self.settings, lost = settings_of(self.document, self.variables)
+        self.substitutions += [lost] if lost else []
         self.solver, self.clock = self._solver()
         if step is not None:
             if not 0 < step < math.inf:
                 raise ArgumentError(f"step={step!r} must be a time in s above 0")
             self.substitutions.append(f"the step is {step:g} s, as asked for")
             self.clock.step = step
+
+    def _flat(self, counts: Mapping[str, int]) -> Flat:
+        return self._opened.flat(self._system, self._scope, self.cuts, counts)
 
     def _check_cuts(self) -> None:
         paths = {atom.path for atom in self.flat.atoms}
@@ -174,7 +219,7 @@ class _Import:
 
     def _solver(self) -> tuple[str, Clock]:
         """The solver, and the steps of the model."""
-        given = self.document.solver
+        given = self.settings
         continuous = any(atom.kind in _CONTINUOUS for atom in self.flat.atoms)
         periods = self._periods()
         name = given.name
@@ -193,14 +238,14 @@ class _Import:
         return solver, Clock(step, continuous)
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
-        text = self.document.solver.fixed_step.strip()
+        text = self.settings.fixed_step.strip()
         stated = self._number(text) if text not in ("", "auto") else None
         if stated is not None and stated > 0:
             return stated
         common = common_step(periods)
         if common is not None or not continuous:
             return common
-        start, stop = (self._number(text) for text in (self.document.solver.start, self.document.solver.stop))
+        start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
         return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
 
     def _number(self, text: str) -> float | None:
@@ -230,18 +275,54 @@ class _Import:
     # the graph
 
     def imported(self) -> Imported:
-        outputs = self.flat.outports
-        recorded = [atom for atom in self.flat.atoms if atom.kind == "ToWorkspace"]
-        weaver = self._woven(outputs or recorded)
-        if outputs and recorded and not self._stops(weaver):
-            more = self._woven([*outputs, *recorded])
-            weaver = more if not self._stops(more) else weaver
-        report = self._report(weaver)
+        """The model and the report."""
+        weaver = self.woven()
+        report = self.report(weaver)
         return Imported(self._model(weaver) if report.whole else None, report)
+
+    def woven(self) -> Weaver:
+        """The blocks as a graph; passes whose number depends on signals are counted in a first attempt."""
+        for _ in range(_MOST_ATTEMPTS):
+            weaver = self._attempt()
+            wrong = {path for path, count in weaver.counts.items() if self.flat.counts.get(path) != count}
+            if not wrong:
+                break
+            built = self.flat.counts
+            self.flat = self._flat({**built, **weaver.counts})
+            if self.flat.counts == built:
+                weaver.uncounted(wrong)
+                break
+        return weaver
+
+    def _attempt(self) -> Weaver:
+        """The blocks as a graph, with what is recorded where that can be built as well."""
+        flat = self.flat
+        weaver = self._woven(flat.results)
+        if not flat.outports and not flat.recorded and self._stops(weaver):
+            weaver = self._shown(weaver)
+        if flat.outports and flat.recorded and not self._stops(weaver):
+            more = self._woven([*flat.outports, *flat.recorded])
+            weaver = more if not self._stops(more) else weaver
+        return weaver
+
+    def _shown(self, weaver: Weaver) -> Weaver:
+        """The model of those scopes and displays whose signals can be built; as it is where there is none."""
+        shown = self.flat.results
+        made = {atom: weaver.outputs(atom) for atom in shown}
+        sound = [atom for atom in shown if made[atom] and all(one.sound for one in made[atom])]
+        if weaver.loops or not sound:
+            return weaver
+        left = self._woven(sound)
+        if self._stops(left):
+            return weaver
+        gone = ", ".join(atom.path for atom in shown if atom not in sound)
+        self.substitutions.append(f"what {gone[:200]} shows is left out, as it cannot be built")
+        return left
 
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:
-            raise InputError.of(self.path.name, "it has no outport, so that nothing is computed", "Import a subsystem.")
+            what = "it has no outport, and nothing that records or shows a signal"
+            raise InputError.of(self.path.name, what, "Import a subsystem.")
 
         def make(guesses: Guesses) -> Weaver:
             return Weaver(self.flat, self.clock, self.promote, self._give, guesses)
@@ -261,10 +342,14 @@ class _Import:
             made.append(_taken(weaver, graph) if graph is not None else weaver.missing(atom, number))
         return tuple(made)
 
-    def _report(self, weaver: Weaver) -> ImportReport:
-        atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held")]
+    def report(self, weaver: Weaver) -> ImportReport:
+        """What became of the blocks."""
+        atoms = [atom for atom in self.flat.atoms if atom.kind not in _MADE and not atom.hidden]
+        failures: dict[str, Failure] = {}
+        for failure in weaver.failures.values():  # that of one pass stands for those of all
+            failures.setdefault(failure.atom.path, failure)
         unsupported = [
-            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True) for f in weaver.failures.values()
+            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined) for f in failures.values()
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
@@ -273,14 +358,14 @@ class _Import:
             if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
-        undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]
+        undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
-            (*self.substitutions, *undecided, *note), tuple(self.remarks), dict(weaver.declared.sources),
-            dict(weaver.expressions.frozen), self.solver, self.clock.step,
+            (*self.flat.chosen, *self.substitutions, *undecided, *note), tuple(self.remarks),
+            dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
         )  # fmt: skip
 
     def _model(self, weaver: Weaver) -> Model:

@@ -1,4 +1,4 @@
-"""Links to libraries and to other models: their content, copied to where it is used."""
+"""Links to libraries, to other models and to files of subsystems: their content, copied to where it is used."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -82,7 +82,7 @@ class Libraries:
 
         A block that is a link takes the type, parameters and content of the library's block, with its own parameters
         over them; links to libraries of Simulink itself stay as they are. A model reference gets the root of the
-        referenced model as its system.
+        referenced model as its system, a subsystem whose content is a file of its own the root of that.
         """
         work = _Work(self, document)
         root = work.system(document.root, _Place(document, ""))
@@ -133,6 +133,8 @@ class _Work:
             return self._linked(block, path, place)
         if block.model:
             return self._model(block, path, place)
+        if block.elsewhere:
+            return self._subsystem(block, path, place)
         if block.system is not None:
             inner = replace(place, depth=place.depth + 1)
             return replace(block, path=path, system=self.system(block.system, inner))
@@ -193,6 +195,21 @@ class _Work:
         self.models[block.model] = found
         inner = _Place(found, path, "", (*place.chain, block.model), place.depth + 1)
         return replace(block, path=path, system=self.system(found.root, inner))
+
+    def _subsystem(self, block: Block, path: str, place: _Place) -> Block:
+        """A subsystem with the content of its file, whose mask it takes where it has none of its own."""
+        name, alone = block.elsewhere, replace(block, path=path)
+        found = self._document(name, name, path, place)
+        if found is None or self._closed(name, path, place):
+            return alone
+        if found.kind != "subsystem":
+            mend = f"Save its content as the subsystem file {name}.slx."
+            self._problem(path, f"has its content in {found.path.name}, which is a {found.kind}", mend)
+            self.missing.setdefault(name, []).append(path)
+            return alone
+        mask = block.mask or (_set(found.mask, block.parameters) if found.mask is not None else None)
+        inner = _Place(found, path, "", (*place.chain, name), place.depth + 1)
+        return replace(alone, mask=mask, system=self.system(found.root, inner))
 
     def _document(self, name: str, source: str, path: str, place: _Place) -> Document | None:
         if name == "$bdroot":  # a library's own name for itself

@@ -7,12 +7,12 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import NoValueError, part_of, way_of
 from kennfeld.models.simulink.scopes import Array, Masked, Scope, Variable
 from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
-__all__ = ["Named", "named", "named_text"]
+__all__ = ["Named", "given_table", "named", "named_text"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,14 @@ def named_text(site: Site, text: str) -> Named:
     return Named(found[0], found[1].value, found[1], True)
 
 
+def given_table(site: Site, text: str) -> Named | None:
+    """The table that a calibration file gives in the place of a table object; None where there is none."""
+    found = _variable(text, site.atom.scope)
+    if found is None or not isinstance(found[1].value, np.ndarray) or not found[1].axes:
+        return None
+    return Named(found[0], found[1].value, found[1], True)
+
+
 def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | None:
     """The variable that an expression is nothing but, with its name; None where it is more."""
     try:
@@ -55,6 +63,8 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | 
     found = scope.find(way[0])
     if isinstance(found, Masked):
         return _variable(".".join([found.text.strip(), *way[1:]]), found.outside, deep + 1) if found.evaluated else None
+    if (part := scope.part(way)) is not None:
+        return ".".join(way), part
     if not isinstance(found, Variable):
         return None
     try:

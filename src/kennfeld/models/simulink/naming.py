@@ -3,10 +3,12 @@
 from kennfeld.graph import CLOCK
 from kennfeld.models.simulink.build import Weaver
 from kennfeld.models.simulink.bus_ports import port_label
-from kennfeld.models.simulink.flatten import Atom, Flat
+from kennfeld.models.simulink.flatten import SHOWING, Atom, Flat
 from kennfeld.models.simulink.signals import leaves
 
 __all__ = ["Names"]
+
+RESULTS = ("Outport", "ToWorkspace", *SHOWING)
 
 
 class Names:
@@ -20,30 +22,21 @@ class Names:
         self._taken = {*weaver.inputs, *weaver.declared.parameters, *CLOCK}
         self._inputs = {node for name in weaver.inputs for node in [weaver.loom.input(name)]}
         outputs: list[str] = []
-        for atom in flat.outports or [atom for atom in flat.atoms if atom.kind == "ToWorkspace"]:
-            outputs += self._add(atom, 0, _output_name(atom))
-        self.outputs = tuple(outputs)
+        for atom in flat.results:
+            for number, label in _results(atom) if weaver.outputs(atom) else ():
+                outputs += self._add(atom, number, label)
+        self.outputs = tuple(dict.fromkeys(outputs))
         self._inside(flat)
-        for name, port in weaver.inputs.items():
-            if port is not None:
-                self._said(name, port)
+        for name, inport in weaver.inputs.items():
+            if inport is not None:
+                self._said(name, inport)
 
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""
-        skipped = (
-            "Outport",
-            "BusElement",
-            "BusElements",
-            "Inport",
-            "Constant",
-            "Ground",
-            "Control",
-            "Mux",
-            "Demux",
-            "BusCreator",
-            "BusSelector",
-        )
-        rest = [atom for atom in flat.atoms if atom.kind not in skipped and self.weaver.outputs(atom)]
+        skipped = {"Outport", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector"}
+        skipped |= {"Pass", "Part", "BusElement", "BusElements", *SHOWING}
+        shown = [atom for atom in flat.atoms if atom.kind not in skipped and not atom.hidden]
+        rest = [atom for atom in shown if self.weaver.outputs(atom)]
         for atom in rest:
             for port, name in atom.names.items():
                 if port < len(self.weaver.outputs(atom)):
@@ -61,7 +54,7 @@ class Names:
                 own = key if signal.size == 1 else f"{key}[{at + 1}]"
                 if prefer_path and own in self.visible and self.visible[own] != node:
                     own = atom.path if signal.size == 1 else f"{atom.path}[{at + 1}]"
-                made.append(self._named(own, node, atom, is_output=atom.kind in ("Outport", "ToWorkspace")))
+                made.append(self._named(own, node, atom, is_output=atom.kind in RESULTS))
         return made
 
     def _named(self, name: str, node: int, atom: Atom, is_output: bool) -> str:
@@ -82,5 +75,11 @@ class Names:
             self.units[name] = unit
 
 
-def _output_name(atom: Atom) -> str:
-    return port_label(atom.block) if atom.kind == "Outport" else (atom.block.value("VariableName") or atom.path)
+def _results(atom: Atom) -> list[tuple[int, str]]:
+    """The signals of an outport, or of a block that records or shows some, with their names."""
+    if atom.kind == "Outport":
+        return [(0, port_label(atom.block))]
+    if atom.kind == "ToWorkspace":
+        return [(0, atom.block.value("VariableName") or atom.path)]
+    ports = [(port, source) for port, source in enumerate(atom.inputs) if source is not None]
+    return [(port, atom.taken.get(port) or source.atom.path) for port, source in ports]

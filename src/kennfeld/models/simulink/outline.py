@@ -167,14 +167,17 @@ def _connections(resolved: Resolved) -> Iterator[Connection]:
             counts[block.reference.source, block.reference.type] += 1
         if block.model:
             counts[block.model, "model"] += 1
+        if block.elsewhere:
+            counts[block.elsewhere, "subsystem"] += 1
     for (source, kind), count in counts.most_common():
         yield Connection(source, kind, count, _found(source, kind, resolved))
 
 
 def _found(source: str, kind: str, resolved: Resolved) -> str:
-    if kind != "model" and is_of_simulink(source):
+    alone = kind in ("model", "subsystem")
+    if not alone and is_of_simulink(source):
         return _OF_SIMULINK
-    name = source if kind == "model" else source.partition("/")[0]
+    name = source if alone else source.partition("/")[0]
     return resolved.files[name].name if name in resolved.files and source not in resolved.missing else _MISSING
 
 

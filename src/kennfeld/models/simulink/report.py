@@ -4,18 +4,22 @@ from dataclasses import dataclass
 
 from kennfeld.errors import Finding
 
-__all__ = ["ImportReport", "Unsupported"]
+__all__ = ["ImportReport", "Importable", "Unsupported"]
 
 
 @dataclass(frozen=True)
 class Unsupported:
-    """A block that could not be built. `stops` says whether an output of the model depends on it."""
+    """A block that could not be built. `stops` says whether an output of the model depends on it.
+
+    `undefined` is the variable that nothing gives a value, where that is the reason.
+    """
 
     path: str
     type: str
     why: str
     mend: str
     stops: bool
+    undefined: str = ""
 
     @property
     def finding(self) -> Finding:
@@ -25,12 +29,23 @@ class Unsupported:
 
 
 @dataclass(frozen=True)
+class Importable:
+    """A subsystem that can be imported by itself, with all of its blocks: how many, its inputs and its outputs."""
+
+    path: str
+    blocks: int
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ImportReport:
     """What became of a model's blocks.
 
     `total` counts the blocks that compute something, `supported` those that were built or could be. `substitutions` are
     sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
-    `frozen` are expressions whose variables are fixed, with the reason.
+    `frozen` are expressions whose variables are fixed, with the reason. `subsystems` are those that can be imported by
+    themselves, where that was asked for.
     """
 
     total: int
@@ -43,6 +58,7 @@ class ImportReport:
     frozen: dict[str, str]
     solver: str
     step: float | None
+    subsystems: tuple[Importable, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -51,9 +67,37 @@ class ImportReport:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What keeps the outputs from being built."""
-        stopping = tuple(one.finding for one in self.unsupported if one.stops)
-        return (*stopping, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
+        """What keeps the outputs from being built; variables without a value first, each once."""
+        valueless = (_valueless(name, paths) for name, paths in self.undefined.items())
+        others = (_together(several) for several in self.groups if several[0].stops)
+        return (*valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
+
+    @property
+    def groups(self) -> tuple[tuple[Unsupported, ...], ...]:
+        """The blocks that could not be built though their variables have values, by what stops them."""
+        found: dict[tuple[str, str, bool], list[Unsupported]] = {}
+        for one in self.unsupported:
+            if not one.undefined:
+                found.setdefault((one.why, one.mend, one.stops), []).append(one)
+        return tuple(tuple(several) for several in found.values())
+
+    @property
+    def undefined(self) -> dict[str, tuple[str, ...]]:
+        """The variables that nothing gives a value, each with the paths of the blocks that need it."""
+        names = dict.fromkeys(one.undefined for one in self.unsupported if one.undefined)
+        return {name: tuple(one.path for one in self.unsupported if one.undefined == name) for name in names}
+
+
+def _together(several: tuple[Unsupported, ...]) -> Finding:
+    """One problem of all blocks that the same thing stops."""
+    first = several[0].finding
+    return first if len(several) == 1 else Finding(f"{first.place} and {len(several) - 1} more", first.what, first.mend)
+
+
+def _valueless(name: str, paths: tuple[str, ...]) -> Finding:
+    others = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    mend = "Give it among the parameters: in a script, a .mat, .sldd or calibration file."
+    return Finding(f"variable {name}", f"has no value; {paths[0]}{others} needs it", mend)
 
 
 _LOOP = "Put a unit delay into the loop, or bind one of its blocks."

@@ -1,6 +1,6 @@
 """What a name means in a block's parameters: masks from the inside out, then the variables of the model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias, Union
 
@@ -11,6 +11,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.printing import printed
 from kennfeld.models.simulink.tree import Block
+from kennfeld.parameters import Axis
 
 __all__ = ["Array", "Coded", "Masked", "Scope", "Value", "Variable", "plain"]
 
@@ -20,7 +21,11 @@ Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of the model: its value, and what its source says of it. `source` names that source."""
+    """A variable of the model: its value, and what its source says of it.
+
+    `source` names that source; `axes` are those that a calibration file gives a table. What is `fixed`, such as the
+    members of an enumeration, is no parameter.
+    """
 
     value: Value
     lower: float = -np.inf
@@ -28,16 +33,22 @@ class Variable:
     unit: str = ""
     description: str = ""
     source: str = ""
+    axes: tuple[Axis, ...] = ()
+    fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Masked:
-    """A mask's parameter: an expression over the names outside of the mask, or the text itself."""
+    """A mask's parameter: an expression over the names outside of the mask, or the text itself.
+
+    `field` is "Path:Name", how the literal is promoted; `written` is what the dialog shows.
+    """
 
     text: str
     outside: "Scope"
     evaluated: bool = True
-    field: str = ""  # "Path:Name", how the literal is promoted
+    field: str = ""
+    written: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +74,18 @@ class Scope:
             return self
         inside = Scope(self.variables, {}, self)
         for one in block.mask.parameters:
-            inside.masked[one.name] = Masked(one.expression, self, one.evaluated, f"{block.path}:{one.name}")
+            field = f"{block.path}:{one.name}"
+            inside.masked[one.name] = Masked(one.meaning, self, one.evaluated, field, one.expression)
         return _coded(inside, block.mask.initialization)
+
+    def shown(self) -> dict[str, str]:
+        """What the dialogs of the masks around show, by the names of their parameters; the inner ones win."""
+        found: dict[str, str] = {}
+        here: Scope | None = self
+        while here is not None:
+            said = {name: one.written for name, one in here.masked.items() if isinstance(one, Masked) and one.field}
+            found, here = {**said, **found}, here.outer
+        return found
 
     def find(self, name: str) -> "Masked | Coded | Variable | None":
         """What a name means here."""
@@ -74,6 +95,10 @@ class Scope:
                 return here.masked[name]
             here = here.outer
         return self.variables.get(name)
+
+    def part(self, way: Sequence[str]) -> Variable | None:
+        """The part of a struct that a calibration file gives a value by its full name, "Control.Gain"."""
+        return self.variables.get(".".join(way)) if len(way) > 1 else None
 
 
 def _coded(scope: Scope, code: str) -> Scope:

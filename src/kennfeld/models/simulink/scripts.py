@@ -6,9 +6,10 @@ from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.matlab.scripts import Files, run_script
+from kennfeld.models.simulink.enumerations import enumeration_of, is_class, variable_of
+from kennfeld.models.simulink.found import Variables, same
 from kennfeld.models.simulink.numbers import variable_from
-from kennfeld.models.simulink.scopes import Value, Variable
-from kennfeld.models.simulink.variables import Variables, mat_entries, same
+from kennfeld.models.simulink.scopes import Variable
 
 __all__ = ["run", "run_text"]
 
@@ -17,11 +18,18 @@ _NAME = re.compile(r"[\w.-]{1,128}\Z")
 
 def run(found: Variables, path: Path) -> None:
     """Add the variables that a script makes; raises `InputError` where it cannot be read."""
-    try:
-        text = path.read_bytes().decode("utf-8", "replace")
-    except OSError as error:
-        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
-    run_text(found, text, path.name, path.parent)
+    text = _content(path).decode("utf-8", "replace")
+    if is_class(text):
+        _enumeration(found, text, path)
+    else:
+        run_text(found, text, path.name, path.parent)
+
+
+def _enumeration(found: Variables, text: str, path: Path) -> None:
+    made = enumeration_of(text)
+    if made is None:
+        raise InputError.of(path.name, "is a class, and none of whole numbers", "Give scripts and enumerations.")
+    found[made[0]] = variable_of(made[1], path.name)
 
 
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
@@ -46,10 +54,15 @@ def _commented(made: Variable, comment: str) -> Variable:
 
 
 def _beside(folder: Path) -> Files:
-    def content(name: str) -> bytes | dict[str, Value] | None:
+    def content(name: str) -> bytes | None:
         path = folder / name
-        if not _NAME.match(name) or not path.is_file():
-            return None
-        return mat_entries(path) if path.suffix.casefold() == ".mat" else path.read_bytes()
+        return _content(path) if _NAME.match(name) and path.is_file() else None
 
     return content
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None

@@ -1,14 +1,25 @@
 """What a wire carries while a model is built: an array of graph nodes, or a bus of named signals."""
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CONSTANT", "CONTINUOUS", "Bus", "Nodes", "Signal", "Wired", "common_shape", "fastest", "leaves"]
+__all__ = [
+    "CONSTANT",
+    "CONTINUOUS",
+    "Bus",
+    "Nodes",
+    "OpenBus",
+    "Signal",
+    "Wired",
+    "common_shape",
+    "fastest",
+    "leaves",
+]
 
 Nodes: TypeAlias = npt.NDArray[np.int64]
 
@@ -60,12 +71,48 @@ class Bus:
         """The shortest sample time of its signals."""
         return fastest(member.period for member in self.members.values())
 
+    def member(self, name: str) -> "Wired | None":
+        """The signal or bus of a name; None where there is none."""
+        return self.members.get(name)
+
+    def assigned(self, name: str, new: "Wired") -> "Bus":
+        """The bus with one of its signals replaced."""
+        return replace(self, members={**self.members, name: new})
+
+
+@dataclass(frozen=True, eq=False)
+class OpenBus(Bus):
+    """A bus from outside, of which only those signals are known that something picks: each is an input of its own.
+
+    `name` is the way to it, "engine.speed"; `node` gives the node of an input. `members` are those that were replaced.
+    Where it is taken as a signal, it is one.
+    """
+
+    name: str = ""
+    node: Callable[[str], int] = lambda name: -1
+
+    @property
+    def period(self) -> float:
+        """Inputs may change at any time."""
+        return CONTINUOUS
+
+    @property
+    def signal(self) -> Signal:
+        """The scalar signal that it is where nothing is picked of it."""
+        return Signal(np.array([self.node(self.name)], dtype=np.int64))
+
+    def member(self, name: str) -> "Wired":
+        """The signal of a name, which may be a bus again."""
+        return self.members.get(name) or OpenBus(name=f"{self.name}.{name}", node=self.node)
+
 
 Wired: TypeAlias = Signal | Bus
 
 
 def leaves(wired: Wired, name: str = "") -> Iterator[tuple[str, Signal]]:
     """The signals of a bus with their names along the way, `a.b`; a signal alone has the given name."""
+    if isinstance(wired, OpenBus):
+        wired = wired.signal
     if isinstance(wired, Signal):
         yield name, wired
         return

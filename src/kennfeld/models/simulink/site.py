@@ -1,22 +1,35 @@
 """What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
 from kennfeld.models.simulink.expressions import NoValueError, each
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.flatten import STATE, Atom
 from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, Signal, Wired, common_shape, fastest
+from kennfeld.models.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Bus,
+    Nodes,
+    OpenBus,
+    Signal,
+    Wired,
+    common_shape,
+    fastest,
+)
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
 
-__all__ = ["Site", "Then", "as_vector", "resized"]
+__all__ = ["Site", "Then", "as_vector", "cases_of", "resized"]
 
 Then = Callable[[Signal], Signal]
 
@@ -28,7 +41,7 @@ class Site:
         self.weaver = weaver
         self.atom = atom
         self.kind = weaver.kind(atom)
-        self.memories = 0
+        self.memories = self.before = 0
 
     @property
     def loom(self) -> Loom:
@@ -82,7 +95,7 @@ class Site:
                 return self.weaver.expressions.fixed(given.value)
             return self.weaver.expressions.array(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def numbers(self, name: str, otherwise: str | None = None) -> Array:
         """A parameter as fixed numbers, Float[rows, columns]."""
@@ -93,14 +106,14 @@ class Site:
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def evaluated(self, text: str) -> Array:
         """The numbers of an expression that is part of a parameter."""
         try:
             return self.weaver.expressions.numbers(text, self.atom.scope)
         except NoValueError as error:
-            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE) from None
+            raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE, error.undefined) from None
 
     def number(self, name: str, otherwise: str | None = None) -> float:
         """A parameter as one fixed number."""
@@ -126,12 +139,22 @@ class Site:
     def input(self, index: int = 0) -> Signal:
         """The signal at an input, counted from 0."""
         found = self.wired(index)
+        if isinstance(found, OpenBus):
+            return found.signal
         if isinstance(found, Bus):
             only = [member for member in found.members.values() if isinstance(member, Signal)]
             if len(only) == len(found.members) == 1:
                 return only[0]
             raise UnsupportedError(f"its input {index + 1} is a bus", "Select one signal of the bus before the block.")
         return found
+
+    def bus(self, index: int = 0) -> Wired:
+        """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        found = self.wired(index)
+        if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
+            return found
+        return self.weaver.opened(source.atom)
 
     @property
     def inputs(self) -> list[Signal]:
@@ -183,6 +206,15 @@ class Site:
     def _is(self, signal: Signal, value: float) -> bool:
         return all(self.loom.value(node) == value for node in signal.flat)
 
+    def truncated(self, x: Signal) -> Signal:
+        """A signal without what is behind its decimal point."""
+        return self.call("mul", self.call("sign", x), self.call("floor", self.call("abs", x)))
+
+    def among(self, x: Signal, values: Iterable[float]) -> Signal:
+        """1 where a signal is one of several values."""
+        equal = [self.call("eq", x, self.constant(value)) for value in values]
+        return self.fold("or", equal) if equal else self.constant(0.0)
+
     # time
 
     @property
@@ -210,17 +242,31 @@ class Site:
 
     # memory
 
-    def remember(self, init: Signal, then: Then, latency: int = 1) -> Signal:
-        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built."""
+    def remember(self, init: Signal, then: Then, latency: int = 1, ported: bool = False) -> Signal:
+        """A memory as read now; `then` maps it to what it holds after the block has run, asked when all is built.
+
+        The memory that is `ported` is what the block's state port shows.
+        """
         self.memories += 1
-        return self.weaver.remember(self, self.memories, init, then, latency)
+        return self.weaver.remember(self, STATE if ported else self.memories, init, then, latency)
 
     def integrate(
-        self, init: Signal, slope: Then, reset: Signal | None, limits: tuple[Signal, Signal] | None
+        self,
+        init: Signal,
+        slope: Then,
+        reset: Signal | None = None,
+        limits: tuple[Signal, Signal] | None = None,
+        ported: bool = False,
     ) -> Signal:
-        """A continuous state, advanced by the solver."""
+        """A continuous state, advanced by the solver; one that is `ported` is what the block's state port shows."""
         self.memories += 1
-        return self.weaver.integrate(self, self.memories, init, slope, reset, limits)
+        return self.weaver.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
+
+    def wish(self, index: int, shape: tuple[int, ...]) -> None:
+        """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
+        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        if source is not None:
+            self.weaver.wish(source.atom, shape)
 
     def edge(self, x: Signal, kind: str) -> Signal:
         """1 where a signal crosses zero in the way of a trigger: rising, falling, either.
@@ -257,6 +303,28 @@ class Site:
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
+
+
+_MOST_CASES = 10_000
+
+
+def cases_of(site: Site, name: str) -> list[list[float]]:
+    """A parameter that lists cases, `{1, [2 3], Gear.First}`: the values of each."""
+    text = site.text(name)
+    try:
+        tree = parse_expression(text)
+    except InputError:
+        tree = m.Number(0.0)
+    if not isinstance(tree, m.CellArray):
+        raise UnsupportedError(f"{name} is {text[:60]}, not a list of cases")
+    elements = [element for row in tree.rows for element in row]
+    try:
+        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope) for one in elements]
+    except NoValueError as error:
+        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
+    if sum(numbers.size for numbers in found) > _MOST_CASES:
+        raise UnsupportedError(f"its {name} ({text[:60]}) has very many cases; {_MOST_CASES} are the most")
+    return [[float(n) for n in numbers.ravel()] for numbers in found]
 
 
 def as_vector(nodes: Nodes) -> Nodes:

@@ -101,13 +101,31 @@ class Ports:
 
 @dataclass(frozen=True, slots=True)
 class MaskParameter:
-    """One parameter of a mask: the expression it is set to, and whether that is evaluated or taken as text."""
+    """One parameter of a mask: the expression it is set to, and whether that is evaluated or taken as text.
+
+    `options` are the choices of a popup or of radio buttons.
+    """
 
     name: str
     expression: str
     type: str = "edit"
     evaluated: bool = True
     prompt: str = ""
+    options: tuple[str, ...] = ()
+
+    @property
+    def meaning(self) -> str:
+        """The expression of its value: a check box is 1 or 0, a choice is its number.
+
+        >>> MaskParameter("mode", "slow", "popup", options=("fast", "slow")).meaning
+        '2'
+        """
+        if not self.evaluated:
+            return self.expression
+        if self.type == "checkbox":
+            return {"on": "1", "off": "0"}.get(self.expression.strip(), self.expression)
+        chosen = self.type in ("popup", "radiobutton") and self.expression in self.options
+        return str(self.options.index(self.expression) + 1) if chosen else self.expression
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +160,8 @@ class Block:
     those it states for all blocks of the type. `ports` is None where the file leaves them to the type (`ports_of`
     knows those of the types). `script` is the
     code of a MATLAB Function, `chart` that of any Stateflow block; `model` the file name of a referenced model.
-    `signals` are the names of output ports; `attached` names parts of the file that hold a parameter's value.
+    `signals` are the names of output ports; `attached` names parts of the file that hold a parameter's value; `lists`
+    are the parameters that are lists of texts.
     """
 
     type: str
@@ -160,6 +179,22 @@ class Block:
     model: str = ""
     signals: Mapping[int, str] = field(default_factory=dict)
     attached: Mapping[str, str] = field(default_factory=dict)
+    lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def listed(self, name: str) -> tuple[str, ...]:
+        """A parameter that is a list of texts; empty where no one states it.
+
+        >>> Block("VariantSource", "V", "1", "V", {"VariantControls": "{'a==1','a==2'}"}).listed("VariantControls")
+        ('a==1', 'a==2')
+        """
+        if name in self.lists:
+            return self.lists[name]
+        return tuple(re.findall(r"'((?:[^']|'')*)'", self.value(name) or ""))
+
+    @property
+    def elsewhere(self) -> str:
+        """The name of the file that holds the content of a subsystem; empty where the subsystem holds it."""
+        return (self.parameters.get("ReferencedSubsystem") or "").strip() if self.type == "SubSystem" else ""
 
     def value(self, name: str, table: Mapping[str, Mapping[str, str]] | None = None) -> str | None:
         """A parameter as text: as stated for the block, else for its type by the file, else by a table of defaults.
@@ -255,8 +290,8 @@ class Document:
 
     `version` is a release ("R2017b") or, from files that name none, the number of the Simulink version. `callbacks`
     is the code of InitFcn, PreLoadFcn and the like; `dictionaries` are the names of `.sldd` files; `defaults` are by
-    block type; `enumerations` are the enumerated types that blocks name; `charts` are all of the file; `remarks` are
-    sentences on what could not be read.
+    block type; `enumerations` are the enumerated types that blocks name; `charts` are all of the file; `mask` is that
+    of a subsystem file for the blocks that show it; `remarks` are sentences on what could not be read.
     """
 
     name: str
@@ -272,4 +307,5 @@ class Document:
     enumerations: tuple[str, ...] = ()
     charts: tuple[Chart, ...] = ()
     parameters: Mapping[str, str] = field(default_factory=dict)
+    mask: Mask | None = None
     remarks: tuple[str, ...] = ()

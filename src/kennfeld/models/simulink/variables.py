@@ -10,33 +10,30 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.models.simulink.data import Data, Entry
 from kennfeld.models.simulink.data import Value as Stored
 from kennfeld.models.simulink.dictionary import read_dictionary
+from kennfeld.models.simulink.enumerations import beside, variable_of
+from kennfeld.models.simulink.found import Variables
 from kennfeld.models.simulink.scopes import Value, Variable, plain
+from kennfeld.models.simulink.scripts import run, run_text
 from kennfeld.models.simulink.tree import Document
 from kennfeld.models.simulink.workspace import mat_variables, workspace_variables
 from kennfeld.parameters import Parameter, ParameterSet
 
-__all__ = ["Given", "Variables", "mat_entries", "same", "variables_of"]
+__all__ = ["Given", "Variables", "variables_of"]
 
 Given: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
-
-
-class Variables(dict[str, Variable]):
-    """Variables by name, with what was noticed while they were read."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.findings: list[Finding] = []
-        self.undefined: dict[str, str] = {}
 
 
 def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     """The variables that a model's expressions may use.
 
-    Data dictionaries come first, then the code of the model's callbacks, then what is given in its order, then the
-    workspace of the model, which hides them;
-    values of calibration files and parameter sets go over all. Findings tell what could not be read.
+    Enumerations that blocks name and whose class files lie beside the model come first, then data dictionaries, then
+    the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides
+    them; values of calibration files and parameter sets go over all. Findings tell what could not be read.
     """
     found = Variables()
+    for name in document.enumerations:
+        enumeration = beside(document.path.parent, name)
+        found.update({name: enumeration} if enumeration is not None else {})
     for name in document.dictionaries:
         _dictionary(found, document.path.parent / name)
     over: list[ParameterSet] = []
@@ -68,8 +65,6 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
     elif ending == ".mat":
         _add(found, mat_variables(_bytes(path)), path.name)
     elif ending == ".m":
-        from kennfeld.models.simulink.scripts import run
-
         run(found, path)
     else:
         from kennfeld.calfiles import read
@@ -87,7 +82,10 @@ def _bytes(path: Path) -> bytes:
 
 def _dictionary(found: Variables, path: Path) -> None:
     try:
-        _add(found, read_dictionary(path).data, path.name)
+        read = read_dictionary(path)
+        _add(found, read.data, path.name)
+        found.solvers.update(read.solvers)
+        found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
     except InputError as error:
         found.findings += error.findings
 
@@ -96,8 +94,6 @@ _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
 
 
 def _callbacks(found: Variables, document: Document) -> None:
-    from kennfeld.models.simulink.scripts import run_text
-
     for name in _CALLBACKS:
         if name in document.callbacks:
             run_text(found, document.callbacks[name], f"{document.name} {name}", document.path.parent)
@@ -106,8 +102,6 @@ def _callbacks(found: Variables, document: Document) -> None:
 def _workspace(found: Variables, document: Document) -> None:
     kind = document.workspace.kind
     if kind == "m-code":
-        from kennfeld.models.simulink.scripts import run_text
-
         run_text(found, document.workspace.text, "model workspace", document.path.parent)
     elif kind == "file":
         path = document.path.parent / Path(document.workspace.text).name
@@ -130,6 +124,9 @@ def _add(found: Variables, data: Data, source: str) -> None:
 
 
 def _variable(entry: Entry, source: str) -> Variable | None:
+    condition = entry.properties.get("Condition")
+    if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
+        return Variable({"Condition": condition}, source=source)
     value = _value(entry)
     if value is None:
         return None
@@ -156,31 +153,11 @@ def _value(stored: Stored) -> Value | None:
     return plain(stored) if stored is not None else None
 
 
-def mat_entries(path: Path) -> dict[str, Value]:
-    """The values in a `.mat` file by name; raises `InputError` where it cannot be read."""
-    entries = mat_variables(_bytes(path)).entries
-    values = {name: _value(entry) for name, entry in entries.items()}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def same(one: Value, other: Value) -> bool:
-    """Whether two values are equal."""
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray)):
-            return False
-        return np.array_equal(np.atleast_2d(one), np.atleast_2d(other), equal_nan=True)
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(same, one, other))
-    return type(one) is type(other) and one == other
-
-
 def _with(known: Variable | None, parameter: Parameter) -> Variable:
     """A variable with the value of a parameter; what is known of it stays."""
     unit = parameter.unit or (known.unit if known is not None else "")
-    value = np.asarray(parameter.values, dtype=np.float64)
+    value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
     if known is not None and isinstance(known.value, np.ndarray) and known.value.size == value.size:
         value = value.reshape(known.value.shape)
     limits = (known.lower, known.upper) if known is not None else (-np.inf, np.inf)
-    return Variable(np.atleast_1d(value), *limits, unit, parameter.description, "a calibration file")
+    return Variable(np.atleast_1d(value), *limits, unit, parameter.description, "a calibration file", axes)

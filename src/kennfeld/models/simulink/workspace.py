@@ -1,24 +1,27 @@
-"""The variables of a model workspace: as the model file keeps them, or as a MAT-file.
+"""The variables of a model workspace: as the model file keeps them, or as a MAT-file."""
 
-`modelWorkspace.mxarray` is a struct whose fields are the variables (in classic files an array of structs with a Name
-and a Value each), then the subsystem with the properties of their
-objects: elements of a MAT-file of level 5 behind eight bytes instead of the 128 of a file.
-"""
-
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kennfeld.arrays import readonly
-from kennfeld.models.simulink.data import Data, Entry, Value
-from kennfeld.models.simulink.mat5 import Element, Mat5Error, Opaque, Plain, Reader, elements
-from kennfeld.models.simulink.objects import Objects, objects_of
+from kennfeld.arrays import Float, readonly
+from kennfeld.matlab.data import loaded_of
+from kennfeld.matlab.mcos import single, workspace
+from kennfeld.matlab.tree import Cells, DamageError, Loaded, Node, Numbers, Struct, Structs, Text, Unreadable
+from kennfeld.models.simulink.data import Data, Entry, Value, entry_of
 from kennfeld.models.simulink.tree import Workspace
 
 __all__ = ["mat_variables", "mxarray_value", "mxarray_variables", "workspace_variables"]
 
-_HEADER = 128
+_MOST_BYTES = 200_000_000  # unpacked
+_MOST_ARRAYS = 1_000_000
+_NEEDED = ("Value", "Table", "Breakpoints")  # what an object is there for
+_WHY = {
+    "complex numbers": "it is complex",
+    "sparse matrix": "it is a sparse matrix that is too large",
+    "function handle": "it is a function handle",
+}
 
 
 def workspace_variables(workspace: Workspace) -> Data:
@@ -32,104 +35,106 @@ def workspace_variables(workspace: Workspace) -> Data:
 
 
 def mxarray_value(raw: bytes) -> Value:
-    """The value of a single array in the form of `.mxarray` parts; raises `Mat5Error` where there is none."""
-    order = "<" if raw[2:4] == b"IM" else ">"
-    reader = Reader(order)
-    first = next(elements(raw[8:], order), None)
-    if raw[:4] not in (b"\0\1IM", b"\1\0MI") or first is None:
-        raise Mat5Error("it is in an unknown form")
-    return _value(reader.array(reader.unpacked(first))[2], None, "it is an object")
+    """The value of a single array in the form of `.mxarray` parts; raises `DamageError` where there is none."""
+    try:
+        return _Reader().value(single(raw, _MOST_BYTES), "")
+    except _UnreadError as why:
+        raise DamageError(str(why)) from None
 
 
 def mxarray_variables(raw: bytes) -> Data:
     """The variables in the bytes of a `.mxarray` part."""
-    if raw[:4] not in (b"\0\1IM", b"\1\0MI"):
-        return Data(unreadable={"": "the model workspace is in an unknown form"})
-    order = "<" if raw[2:4] == b"IM" else ">"
-    reader = Reader(order)
     try:
-        found = _arrays(elements(raw[8:], order), reader)
-    except Mat5Error as error:
-        return Data(unreadable={"": f"the model workspace cannot be read: {error}"})
-    if not found:
-        return Data()
-    fields, further = found[0][2], found[1:]
-    if isinstance(fields, tuple) or _is_pair(fields):
-        return _read(_paired(fields if isinstance(fields, tuple) else (fields,)), further)
-    if not isinstance(fields, dict):
-        return Data(unreadable={"": "the model workspace is in an unknown form"})
-    return _read([(name, "", value) for name, value in fields.items()], further)
-
-
-def _is_pair(fields: Plain) -> bool:
-    """Whether a struct is one variable with its name, not two variables."""
-    return isinstance(fields, dict) and fields.keys() == {"Name", "Value"} and isinstance(fields["Name"], str)
-
-
-def _paired(fields: tuple[Plain, ...]) -> list[tuple[str, str, Plain]]:
-    """Variables as an array of structs with a Name and a Value each, as older releases keep them."""
-    named = [pair for pair in fields if isinstance(pair, dict)]
-    return [(str(pair.get("Name", "")), "", pair["Value"]) for pair in named if "Value" in pair]
+        return _data(workspace(raw, _MOST_BYTES), "the model workspace cannot be read")
+    except DamageError as error:
+        return Data(unreadable={"": f"the model workspace is in an unknown form: {error}"})
 
 
 def mat_variables(raw: bytes) -> Data:
-    """The variables in the bytes of a MAT-file of level 5 (versions 5 to 7)."""
-    if len(raw) < _HEADER or raw[126:128] not in (b"IM", b"MI"):
-        return Data(unreadable={"": "this is no MAT-file of version 5 to 7"})
-    order = "<" if raw[126:128] == b"IM" else ">"
-    reader = Reader(order)
-    try:
-        found = _arrays(elements(raw[_HEADER:], order), reader)
-    except Mat5Error as error:
-        return Data(unreadable={"": f"the MAT-file cannot be read: {error}"})
-    named = [array for array in found if array[0]]
-    return _read(named, [array for array in found if not array[0]])
+    """The variables in the bytes of a MAT-file of any version."""
+    return _data(loaded_of(raw, _MOST_BYTES, _MOST_ARRAYS), "the MAT-file cannot be read")
 
 
-def _arrays(found: Iterable[Element], reader: Reader) -> list[tuple[str, str, Plain]]:
-    return [reader.array(reader.unpacked(part)) for part in found]
-
-
-def _read(variables: Iterable[tuple[str, str, Plain]], further: list[tuple[str, str, Plain]]) -> Data:
-    entries: dict[str, Entry] = {}
-    unreadable: dict[str, str] = {}
-    objects, why = _objects(further)
-    for name, kind, given in variables:
+def _data(loaded: Loaded, what: str) -> Data:
+    """The variables that can be used; of what is lost with its name, the file itself is told."""
+    reader, entries = _Reader(), {}
+    for name, node in loaded.variables.items():
         try:
-            entries[name] = _entry(name, kind, _value(given, objects, why))
-        except Mat5Error as error:
-            what = f"{given.kind}: " if isinstance(given, Opaque) else ""
-            unreadable[name] = f"{what}{error}"
-    return Data(entries, unreadable)
+            entries[name] = _entry(name, node, reader.value(node, name))
+        except _UnreadError as why:
+            reader.unreadable[name] = str(why)
+    if loaded.lost:
+        whole = what if not entries else f"{what} whole"
+        reader.unreadable[""] = f"{whole}: {loaded.lost}"
+    return Data(entries, reader.unreadable)
 
 
-def _objects(further: list[tuple[str, str, Plain]]) -> tuple[Objects | None, str]:
-    """The objects of the file, or why there are none."""
-    try:
-        return (objects_of(further[0][2]), "") if further else (None, "the file does not hold its properties")
-    except Mat5Error as error:
-        return None, str(error)
-
-
-def _value(given: Plain, objects: Objects | None, why: str) -> Value:
-    if objects is not None:
-        return objects.value(given)
-    if isinstance(given, Opaque):
-        raise Mat5Error(why)
-    if isinstance(given, np.ndarray | str):
-        return given
-    if isinstance(given, tuple):
-        return tuple(_value(inner, None, why) for inner in given)
-    if isinstance(given, dict):
-        return {name: _value(inner, None, why) for name, inner in given.items()}
-    raise Mat5Error(getattr(given, "why", why))
-
-
-def _entry(name: str, kind: str, value: Value) -> Entry:
+def _entry(name: str, node: Node, value: Value) -> Entry:
     """A variable under its name: an object keeps what it says of itself."""
     if isinstance(value, Entry):
         return replace(value, name=name)
-    if isinstance(value, np.ndarray):
-        return Entry(name, readonly(value), kind or "double")
-    word = "char" if isinstance(value, str) else "cell" if isinstance(value, tuple) else "struct"
+    if isinstance(node, Numbers):
+        return Entry(name, value, node.kind or "double")
+    kind = node.elements[0].kind if isinstance(node, Structs) and node.elements else ""
+    word = "char" if isinstance(node, Text) else "cell" if isinstance(node, Cells) else "struct"
     return Entry(name, value, kind or word)
+
+
+class _UnreadError(Exception):
+    """A value is of no use here; the text says why."""
+
+
+@dataclass
+class _Reader:
+    """Turns nodes into values; `unreadable` says what was left out within them."""
+
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def value(self, node: Node, path: str) -> Value:
+        """The value of a node; raises `_UnreadError` where it is none of those that are used here."""
+        match node:
+            case Numbers():
+                return _numbers(node)
+            case Text():
+                return node.rows or node.text
+            case Struct():
+                return entry_of("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
+            case Structs():
+                return tuple(self.value(one, f"{path}({n})") for n, one in enumerate(node.elements, 1))
+            case Cells():
+                return tuple(self.value(one, f"{path}{{{n}}}") for n, one in enumerate(node.cells, 1))
+            case Unreadable():
+                raise _UnreadError(_why(node))
+
+    def _fields(self, node: Struct, path: str) -> Mapping[str, Value]:
+        """The fields of a struct; one that cannot be read is told, and does not take the others with it."""
+        fields = {}
+        for name, inner in node.fields.items():
+            try:
+                fields[name] = self.value(inner, f"{path}.{name}")
+            except _UnreadError as why:
+                self.unreadable[f"{path}.{name}"] = str(why)
+        return fields
+
+    def _properties(self, node: Struct) -> Mapping[str, Value]:
+        """The properties of an object; one that cannot be read is left out, unless the object is there for it."""
+        properties = {}
+        for name, inner in node.fields.items():
+            try:
+                properties[name] = _Reader().value(inner, name)
+            except _UnreadError:
+                if name in _NEEDED:
+                    raise
+        return properties
+
+
+def _numbers(node: Numbers) -> Float:
+    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+        return readonly(node.values)
+
+
+def _why(node: Unreadable) -> str:
+    """Why a value cannot be used."""
+    if node.kind in _WHY or node.kind == "damaged value":
+        return node.why or _WHY[node.kind]
+    return f"{node.kind}: {node.why or 'only MATLAB can read it'}"

@@ -19,6 +19,8 @@ def gain(site: Site) -> Wired:
     if kind.startswith("Element-wise"):
         return site.call("mul", site.parameter("Gain"), u)
     k = site.matrix("Gain")
+    if u.size == 1 < k.shape[1] and "u*K" not in kind:
+        site.wish(0, (k.shape[1],))
     column = u.nodes.reshape(-1, 1) if u.nodes.ndim == 1 else u.nodes
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:
@@ -286,5 +288,7 @@ def function(site: Site) -> Wired:
     try:
         made = site.weaver.expressions.array(text, site.atom.scope, names={"u": u.nodes.reshape(-1, 1)})
     except NoValueError as error:
-        raise UnsupportedError(f"its expression {text[:80]} cannot be built: {error}") from None
+        raise UnsupportedError(
+            f"its expression {text[:80]} cannot be built: {error}", undefined=error.undefined
+        ) from None
     return Signal(made.ravel()[:1], u.period)  # u by itself is u[1]

@@ -2,27 +2,40 @@
 
 import numpy as np
 
-from kennfeld.errors import InputError
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.parser import parse_expression
+from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.expressions import NoValueError, fold
-from kennfeld.models.simulink.flatten import Source
-from kennfeld.models.simulink.signals import Bus, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.flatten import Source, resets
+from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired
+from kennfeld.models.simulink.site import Site, cases_of
+
+__all__ = ["restart"]
 
 
 @block("Control")
 def control(site: Site) -> tuple[Wired, ...]:
-    """Whether a conditional subsystem runs, and whether it does so after a pause."""
-    conditions = [_condition(site, port, site.input(at)) for at, port in enumerate(site.atom.special)]
-    active = site.weaver.at_major(site.fold("and", conditions))
+    """Whether a conditional subsystem runs, and whether the memories in it begin anew."""
+    special = list(site.atom.special)
+    conditions = [_condition(site, port, site.input(at)) for at, port in enumerate(special) if port != "reset"]
+    active = site.weaver.at_major(site.fold("and", conditions or [site.constant(1.0)]))
     outer = site.weaver.active(site.atom)
     if outer is not None:
         active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
-    before = site.weaver.always(site, site.constant(0.0), active)
-    begins = site.call("and", active, site.call("not", before))
-    return active, begins
+    return active, restart(site, active)
+
+
+def restart(site: Site, active: Signal) -> Signal:
+    """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset."""
+    around = site.weaver.restart(site.atom)
+    events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
+    if resets(site.atom):
+        before = site.weaver.always(site, site.constant(0.0), active)
+        events.append(site.call("and", active, site.call("not", before)))
+    if "reset" in site.atom.special:
+        port = site.atom.special["reset"]
+        signal = site.input(list(site.atom.special).index("reset"))
+        events.append(reset_signal(site, signal, port.value("ResetTriggerType") or "level"))
+    return site.fold("or", events) if events else site.constant(0.0)
 
 
 def _condition(site: Site, port: str, u: Signal) -> Signal:
@@ -33,8 +46,6 @@ def _condition(site: Site, port: str, u: Signal) -> Signal:
         return Signal(np.array([fold(site.loom, "or", truths.flat)], dtype=np.int64), u.period)
     if port == "ifaction":
         return site.call("ne", u, zero)
-    if port == "reset":
-        raise UnsupportedError("a resettable subsystem")
     kind = special.value("TriggerType") or "rising"
     if kind == "function-call":
         return site.call("ne", u, zero)
@@ -50,6 +61,7 @@ def held(site: Site) -> Wired:
 
 
 def _held(site: Site, wired: Wired) -> Wired:
+    wired = wired.signal if isinstance(wired, OpenBus) else wired
     if isinstance(wired, Bus):
         return Bus({name: _held(site, member) for name, member in wired.members.items()})
     text = site.text("InitialOutput")
@@ -104,7 +116,9 @@ def if_block(site: Site) -> tuple[Wired, ...]:
         try:
             nodes = site.weaver.expressions.array(text, site.atom.scope, names=names)
         except NoValueError as error:
-            raise UnsupportedError(f"its condition {text[:60]} cannot be built: {error}") from None
+            raise UnsupportedError(
+                f"its condition {text[:60]} cannot be built: {error}", undefined=error.undefined
+            ) from None
         holds = Signal(nodes.ravel()[:1], min(one.period for one in site.inputs))
         outputs.append(site.call("and", none, holds))
         none = site.call("and", none, site.call("not", holds))
@@ -114,27 +128,14 @@ def if_block(site: Site) -> tuple[Wired, ...]:
 @block("SwitchCase", CaseConditions="{1}", ShowDefaultCase="on", CaseShowDefault="on", SampleTime="-1")
 def switch_case(site: Site) -> tuple[Wired, ...]:
     """For each output whether the input is among its cases; the last one where it is among none."""
-    u = site.input()
-    towards_zero = site.call("mul", site.call("sign", u), site.call("floor", site.call("abs", u)))
+    u = site.truncated(site.input())
     outputs: list[Wired] = []
     none = site.constant(1.0)
-    for cases in _cases(site):
-        holds = site.fold("or", [site.call("eq", towards_zero, site.constant(case)) for case in cases])
+    for cases in cases_of(site, "CaseConditions"):
+        holds = site.among(u, cases)
         outputs.append(site.call("and", none, holds))
         none = site.call("and", none, site.call("not", holds))
     return (*outputs, none)
-
-
-def _cases(site: Site) -> list[list[float]]:
-    text = site.text("CaseConditions")
-    try:
-        tree = parse_expression(text)
-    except InputError:
-        tree = m.Number(0.0)
-    if not isinstance(tree, m.CellArray):
-        raise UnsupportedError(f"CaseConditions is {text[:60]}, not a list of cases")
-    elements = [element for row in tree.rows for element in row]
-    return [[float(n) for n in site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel()] for one in elements]
 
 
 @block("Function-Call Generator", sample_time="1", numberOfIterations="1")

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["applied", "passes", "rational", "reset_signal", "resetting", "scaled", "with_ports"]
+__all__ = ["applied", "passes", "rational", "reset_signal", "resetting", "scaled", "with_saturation"]
 
 
 def resetting(site: Site) -> str:
@@ -36,20 +36,13 @@ def integrator(site: Site) -> Wired | tuple[Wired, ...]:
     if site.on("LimitOutput"):
         limits = (site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit"))
     reset = reset_signal(site, site.input(1), kind) if kind != "none" else None
-    x = site.integrate(init, lambda _: site.input(0), reset, limits)
-    return with_ports(site, x if limits is None else site.clip(x, *limits), reset)
+    x = site.integrate(init, lambda _: site.input(0), reset, limits, ported=True)
+    return with_saturation(site, x if limits is None else site.clip(x, *limits))
 
 
-def with_ports(site: Site, y: Signal, reset: Signal | None) -> Wired | tuple[Wired, ...]:
-    """The output of an integrator, whether it is at a limit (1 the upper, -1 the lower), and its state port."""
-    made: list[Wired] = [y]
-    if site.on("ShowSaturationPort"):
-        made.append(_saturated(site, y))
-    if site.on("ShowStatePort"):
-        if reset is not None:
-            raise UnsupportedError("its state port shows the state before a reset, which is not supported")
-        made.append(y)
-    return tuple(made) if len(made) > 1 else y
+def with_saturation(site: Site, y: Signal) -> Wired | tuple[Wired, ...]:
+    """The output of an integrator, and on demand whether it is at a limit: 1 the upper, -1 the lower."""
+    return (y, _saturated(site, y)) if site.on("ShowSaturationPort") else y
 
 
 def _saturated(site: Site, y: Signal) -> Signal:
@@ -71,7 +64,7 @@ def reset_signal(site: Site, u: Signal, kind: str, sampled: bool = False) -> Sig
     if kind == "level":
         before = site.remember(zero, lambda _: u)
         return site.call("or", site.call("ne", u, zero), site.call("ne", before, zero))
-    raise UnsupportedError(f"ExternalReset is {kind!r}, which is not supported")
+    raise UnsupportedError(f"its reset is {kind!r}, which is not supported")
 
 
 @block("TransferFcn", needs=lambda site: _through(site), Numerator="[1]", Denominator="[1 2 1]")

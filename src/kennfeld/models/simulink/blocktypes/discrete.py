@@ -4,7 +4,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.continuous import applied, passes, reset_signal, resetting, scaled, with_ports
+from kennfeld.models.simulink.blocktypes.continuous import (
+    applied,
+    passes,
+    reset_signal,
+    resetting,
+    scaled,
+    with_saturation,
+)
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site, Then
@@ -68,7 +75,12 @@ def discrete_integrator(site: Site) -> Wired | tuple[Wired, ...]:
     gain = site.parameter("gainval") if accumulates else site.call("mul", site.parameter("gainval"), _step(site))
     kind = resetting(site)
     reset = reset_signal(site, site.input(1), kind, sampled=True) if kind != "none" else None
-    return with_ports(site, _added_up(site, method, gain, init, reset), reset)
+    y = with_saturation(site, _added_up(site, method, gain, init, reset))
+    if method == "forward" or not site.on("ShowStatePort"):
+        return y
+    if reset is not None:
+        raise UnsupportedError(f"its state port shows the state before a reset, which is not supported for {method}")
+    return (*y, y[0]) if isinstance(y, tuple) else (y, y)
 
 
 def _step(site: Site) -> Signal:
@@ -93,7 +105,7 @@ def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal
     def then(_: Signal) -> Signal:
         return made[0] if method == "backward" else limited(site.call("add", made[0], increment()))
 
-    x = site.remember(init, then)
+    x = site.remember(init, then, ported=True)
     anew = limited(init)
     y = x if method == "forward" else site.call("add", x, increment())
     if method != "forward" and site.text("InitialConditionSetting") in ("Output", "State and output"):

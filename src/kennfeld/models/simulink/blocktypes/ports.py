@@ -1,22 +1,30 @@
 """Where signals enter and leave: inports, outports, cuts, sinks."""
 
+import math
+
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.flatten import SHOWING
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
+
+_WIDEST = 10_000  # elements of a port from outside, each of them an input
 
 
 @block("Inport", "From", PortDimensions="-1", SampleTime="-1")
 def inport(site: Site) -> Wired:
-    """A channel; one for each element where the port says that it is a vector."""
+    """A channel; one for each element where the port says that it is a vector, for each signal used of a bus."""
     shape: tuple[int, ...] = (1,)
     if site.atom.kind == "Inport":
-        shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0) or (1,)
+        shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0)
+        shape = shape or site.weaver.open_shape(site.atom)
         if site.text("OutDataTypeStr", "").startswith("Bus:"):
-            raise UnsupportedError("it takes a bus", "Import the subsystem behind it, or bind it.")
+            return site.weaver.opened(site.atom)
     name = site.weaver.input_name(site.atom)
-    count = int(np.prod(shape))
+    count = math.prod(shape)
+    if count > _WIDEST:
+        raise UnsupportedError(f"it is {count} elements wide; {_WIDEST} are the most")
     names = [name] if count == 1 else [f"{name}[{i + 1}]" for i in range(count)]
     nodes = np.array([site.loom.input(one) for one in names], dtype=np.int64).reshape(shape, order="F")
     return Signal(nodes, CONTINUOUS)
@@ -35,13 +43,19 @@ def bound(site: Site) -> Wired | tuple[Wired, ...]:
 
 
 @block(
-    "Scope", "Terminator", "Display", "ToFile", "Stop", "Floating Scope", "XYGraph", "Assertion", "DocBlock",
-    "Model Info", "DataTypeDuplicate", "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
+    "Terminator", "Stop", "Floating Scope", "Assertion", "DocBlock", "Model Info", "DataTypeDuplicate",
+    "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
     needs=lambda site: (), sink=True,
 )  # fmt: skip
 def sink(site: Site) -> Wired:
     """Nothing: it only shows or checks."""
     return site.constant()
+
+
+@block(*SHOWING, sink=True)
+def shown(site: Site) -> tuple[Wired, ...]:
+    """The signals that it shows or writes."""
+    return tuple(site.wired(at) for at in range(site.count))
 
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")

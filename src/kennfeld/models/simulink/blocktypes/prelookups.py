@@ -3,7 +3,8 @@
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.blocktypes.tables import looked_up, method_of, shape_of
+from kennfeld.models.simulink.blocktypes.tables import Method, axis_of, looked_up, method_of, numbered, shape_of
+from kennfeld.models.simulink.named import named
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import Bus, Signal, Wired
 from kennfeld.models.simulink.site import Site
@@ -72,9 +73,9 @@ def _points(site: Site) -> Array:
        ExtrapMethod="Clip", NumSelectionDims="0", TableSource="Dialog", RequireIndexFractionAsBus="off",
        TableSpecification="Explicit values")  # fmt: skip
 def interpolation(site: Site) -> Wired:
-    """A table at cells and fractions that a prelookup found; its axes are the numbers of the breakpoints.
+    """A table at cells and fractions: the table of the prelookups' breakpoints where they come from such blocks.
 
-    The last dimensions may be chosen by number alone.
+    Of others, the axes are the numbers of the breakpoints. The last dimensions may be chosen by number alone.
     """
     site.chosen("TableSource", "Dialog")
     site.chosen("TableSpecification", "Explicit values")
@@ -83,13 +84,23 @@ def interpolation(site: Site) -> Wired:
     method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     if method.between == "spline":
         raise UnsupportedError("it has a spline, which needs the breakpoints themselves", "Use an n-D Lookup Table.")
+    if not chosen and method.between == "linear" and (before := _prelookups(site, count)):
+        return _at_prelookups(site, before, method)
     shape = shape_of(site, "Table", count)
     places, port = [], 0
     for _ in range(count - chosen):
         place, port = _place(site, port)
         places.append(place)
     places += [_within(site, site.input(port + at), shape[count - chosen + at]) for at in range(chosen)]
-    return looked_up(site, "Table", [Axis(np.arange(size)) for size in shape], places, method)
+    return looked_up(site, "Table", numbered(site, "Table", shape), places, method)
+
+
+def _prelookups(site: Site, count: int) -> list[Site]:
+    """The prelookups of all dimensions; none where one of them is something else."""
+    if site.on("RequireIndexFractionAsBus"):
+        return []
+    before = [found for at in range(count) if (found := _prelookup_of(site, at)) is not None]
+    return before if len(before) == count else []
 
 
 def _place(site: Site, port: int) -> tuple[Signal, int]:
@@ -107,3 +118,37 @@ def _place(site: Site, port: int) -> tuple[Signal, int]:
 def _within(site: Site, number: Signal, size: int) -> Signal:
     """The number of a part of the table, within those there are."""
     return site.clip(site.call("floor", number), site.constant(0.0), site.constant(size - 1.0))
+
+
+def _prelookup_of(site: Site, at: int) -> Site | None:
+    """The prelookup that gives both the cell and the fraction of a dimension, in every step; None where none does."""
+    sources = site.atom.inputs[2 * at : 2 * at + 2]
+    if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].atom is not sources[1].atom:
+        return None
+    before = site.weaver.site(sources[0].atom)
+    fixed = before.atom.kind == "PreLookup" and before.text("BreakpointsDataSource") == "Dialog"
+    paired = fixed and (sources[0].port, sources[1].port) == (0, 1)
+    return before if paired and site.weaver.rate(before.atom) is None else None
+
+
+def _at_prelookups(site: Site, before: list[Site], method: Method) -> Wired:
+    """The table over the breakpoints of prelookups, at their inputs."""
+    own = named(site, "Table").variable.axes
+    axes = list(own) if len(own) == len(before) else [_axis_before(one) for one in before]
+    ends = [method.beyond if one.text("ExtrapMethod") == "Linear" else "clip" for one in before]
+    places = [
+        _between(site, one.input(), axis) if end == "clip" and "linear" in ends else one.input()
+        for one, axis, end in zip(before, axes, ends, strict=True)
+    ]
+    return looked_up(site, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
+
+
+def _between(site: Site, x: Signal, axis: Axis) -> Signal:
+    """A coordinate within the ends of an axis."""
+    first, last = (site.constant(float(axis.breakpoints[end])) for end in (0, -1))
+    return site.clip(x, first, last)
+
+
+def _axis_before(before: Site) -> Axis:
+    even = before.text("BreakpointsSpecification") == "Even spacing"
+    return Axis(_points(before)) if even else axis_of(before, "BreakpointsData")

@@ -6,27 +6,18 @@ A new block is a function with `@block("Type", Parameter="its default")` in a fi
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from kennfeld.models.simulink.signals import Wired
-
-if TYPE_CHECKING:
-    from kennfeld.models.simulink.site import Site
-    from kennfeld.models.simulink.tree import Block
+from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.tree import Block
+from kennfeld.models.simulink.unsupported import UnsupportedError
 
 __all__ = ["KINDS", "Kind", "Needs", "Rule", "Sample", "UnsupportedError", "block", "nothing", "opaque"]
 
-Rule: TypeAlias = "Callable[[Site], Wired | tuple[Wired, ...]]"
-Needs: TypeAlias = "Callable[[Site], Iterable[int]] | None"
-Sample: TypeAlias = "str | Callable[[Block], str]"
-
-
-class UnsupportedError(Exception):
-    """A block, or a setting of it, that cannot be built; `mend` says what would help."""
-
-    def __init__(self, what: str, mend: str = "") -> None:
-        super().__init__(what)
-        self.what, self.mend = what, mend
+Rule: TypeAlias = Callable[[Site], Wired | tuple[Wired, ...]]
+Needs: TypeAlias = Callable[[Site], Iterable[int]] | None
+Sample: TypeAlias = str | Callable[[Block], str]
 
 
 @dataclass(frozen=True)
@@ -47,7 +38,7 @@ class Kind:
     linked: bool = False
     refused: bool = False
 
-    def sample_of(self, block: "Block") -> str:
+    def sample_of(self, block: Block) -> str:
         """The parameter that holds a block's sample time."""
         return self.sample if isinstance(self.sample, str) else self.sample(block)
 
@@ -55,7 +46,7 @@ class Kind:
 KINDS: dict[str, Kind] = {}
 
 
-def nothing(_: "Site") -> Iterable[int]:
+def nothing(_: Site) -> Iterable[int]:
     """No input: the output of this step is known before."""
     return ()
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.places import length_of, listed, lists_of, positions
+from kennfeld.models.simulink.blocktypes.places import length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.expressions import towards_zero
 from kennfeld.models.simulink.flatten import member_names
-from kennfeld.models.simulink.signals import Bus, Nodes, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
+from kennfeld.models.simulink.site import Site, cases_of
 
 _LONGEST_PICK = 10_000
 _MOST_COMPARISONS = 100_000
@@ -45,6 +44,8 @@ def demux(site: Site) -> tuple[Wired, ...]:
             return tuple(members)
         nodes = [node for _, signal in leaves(wired) for node in signal.flat]
         wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
+    if wired.size == 1 < _outputs(site) and site.numbers("Outputs").size == 1:
+        site.wish(0, (_outputs(site),))
     widths = _widths(site, wired.size)
     ends = np.cumsum(widths)
     flat = np.array(wired.flat, dtype=np.int64)
@@ -87,7 +88,7 @@ def bus_creator(site: Site) -> Wired:
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
 def bus_selector(site: Site) -> Wired | tuple[Wired, ...]:
     """Signals of a bus by their names."""
-    wired = site.wired(0)
+    wired = site.bus()
     ways = [way.strip() for way in site.text("OutputSignals").split(",")]
     found = [member_of(site, wired, way) for way in ways]
     if site.on("OutputAsBus"):
@@ -100,17 +101,18 @@ def member_of(site: Site, wired: Wired, way: str) -> Wired:
     for name in way.split("."):
         if not isinstance(wired, Bus):
             raise UnsupportedError(f"it selects {way} of a signal that is no bus")
-        if name not in wired.members:
+        found = wired.member(name)
+        if found is None:
             known = ", ".join(wired.members)
             raise UnsupportedError(f"it selects {way}, but the bus has {known[:200]}")
-        wired = wired.members[name]
+        wired = found
     return wired
 
 
 @block("BusAssignment", AssignedSignals="")
 def bus_assignment(site: Site) -> Wired:
     """A bus with some of its signals replaced."""
-    bus = site.wired(0)
+    bus = site.bus()
     for at, way in enumerate(site.text("AssignedSignals").split(","), 1):
         member_of(site, bus, way.strip())
         bus = _assigned(bus, way.strip().split("."), site.wired(at))
@@ -118,9 +120,10 @@ def bus_assignment(site: Site) -> Wired:
 
 
 def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
-    if not way or not isinstance(wired, Bus):
+    inner = wired.member(way[0]) if way and isinstance(wired, Bus) else None
+    if inner is None or not isinstance(wired, Bus):
         return new
-    return Bus({**wired.members, way[0]: _assigned(wired.members[way[0]], way[1:], new)})
+    return wired.assigned(way[0], _assigned(inner, way[1:], new))
 
 
 @block("BusElement")
@@ -267,6 +270,7 @@ def switch(site: Site) -> Wired:
 
 def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
     """One of two signals or buses."""
+    yes, no = (one.signal if isinstance(one, OpenBus) else one for one in (yes, no))
     if isinstance(yes, Signal) and isinstance(no, Signal):
         return site.select(condition, yes, no)
     if isinstance(yes, Bus) and isinstance(no, Bus) and yes.members.keys() == no.members.keys():
@@ -279,23 +283,37 @@ def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
 def multiport_switch(site: Site) -> Wired:
     """One of several inputs by the number at the first; the last one for any number that is none of theirs."""
     order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
-    index = site.input(0)
-    index = Signal(towards_zero(site.loom, index.nodes), index.period)
+    if order == "Specify indices":
+        return _by_indices(site)
+    first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+    index = site.truncated(site.input(0))
     data = [site.wired(at) for at in range(1, site.count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
         only = data[0]
         data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
     if not data:
         raise UnsupportedError("it has no data port")
-    if order == "Specify indices":
-        numbers = lists_of(site, "DataPortIndices")
-    else:
-        first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
-        numbers = [[float(first + at)] for at in range(len(data))]
-    if len(numbers) < len(data) - 1:
-        raise UnsupportedError(f"it has {len(numbers)} lists of numbers for {len(data)} data ports")
     made = data[-1]
     for at in reversed(range(len(data) - 1)):
-        here = site.fold("or", [site.call("eq", index, site.constant(number)) for number in numbers[at]])
-        made = chosen(site, here, data[at], made)
+        made = chosen(site, site.call("eq", index, site.constant(float(first + at))), data[at], made)
     return made
+
+
+def _by_indices(site: Site) -> Wired:
+    """One of several inputs by the cases that each is given; the last one, or one more behind it, for all others."""
+    cases = cases_of(site, "DataPortIndices")
+    data = [site.wired(at) for at in range(1, site.count)]
+    more = site.text("DataPortForDefault") == "Additional data port"
+    if len(data) != len(cases) + more or not data:
+        raise UnsupportedError(f"it has {len(data)} data ports for {len(cases)} indices")
+    index = site.truncated(site.input(0))
+    made = data[-1]
+    for case, one in reversed(list(zip(cases, data, strict=False))):
+        made = chosen(site, site.among(index, case), one, made)
+    return made
+
+
+@block("Inactive", needs=lambda site: ())
+def inactive(site: Site) -> Wired:
+    """An output of a variant source or sink that is not active."""
+    raise UnsupportedError("what it gives here belongs to a variant that is not active")

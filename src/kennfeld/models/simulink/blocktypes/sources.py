@@ -15,6 +15,12 @@ def constant(site: Site) -> Wired:
     return Signal(_vector(site, "Value").nodes, CONSTANT)
 
 
+@block("EnumeratedConstant", Value="SlDemoSign.Positive", SampleTime="inf")
+def enumerated_constant(site: Site) -> Wired:
+    """A member of an enumeration: its whole number."""
+    return site.parameter("Value")
+
+
 def _vector(site: Site, name: str) -> Signal:
     if site.text("VectorParams1D", "on") == "on":
         return site.parameter(name)
@@ -87,13 +93,19 @@ def chirp(site: Site) -> Wired:
 @block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
 def generator(site: Site) -> Wired:
-    """A sine wave; the other waves depend on how time is rounded, or are random."""
-    if site.text("WaveForm") != "sine":
-        raise UnsupportedError(f"its wave form is {site.text('WaveForm')[:40]!r}, and only sine is supported", _BIND)
+    """A sine wave, or a square wave that begins with its lower half; the others are random, or depend on rounding."""
+    form = site.text("WaveForm")
+    if form not in ("sine", "square"):
+        raise UnsupportedError(f"its wave form is {form[:40]!r}, and only sine and square are supported", _BIND)
     t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
-    unit = site.constant(2 * np.pi if site.chosen("Units", "Hertz", "rad/sec") == "Hertz" else 1.0)
-    angle = site.call("mul", unit, site.call("mul", site.parameter("Frequency"), t))
-    return site.call("mul", site.parameter("Amplitude"), site.call("sin", angle))
+    amplitude, frequency, whole = site.parameter("Amplitude"), site.parameter("Frequency"), site.constant(2 * np.pi)
+    in_hertz = site.chosen("Units", "Hertz", "rad/sec") == "Hertz"
+    if form == "sine":
+        angle = site.call("mul", site.call("mul", frequency, whole) if in_hertz else frequency, t)
+        return site.call("mul", amplitude, site.call("sin", angle))
+    turns = site.call("mul", frequency if in_hertz else site.call("div", frequency, whole), t)
+    upper = site.call("ge", site.call("sub", turns, site.call("floor", turns)), site.constant(0.5))
+    return site.select(upper, amplitude, site.call("neg", amplitude))
 
 
 @block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",

@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.errors import ArgumentError
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.blocktypes.splines import nodes_needed, spline
-from kennfeld.models.simulink.named import Named, named, named_text
+from kennfeld.models.simulink.named import Named, given_table, named, named_text
 from kennfeld.models.simulink.scopes import Array, Variable
 from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
@@ -52,13 +52,17 @@ def lookup_nd(site: Site) -> Wired:
     if site.chosen("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
         axes = [_even(site, i + 1, size) for i, size in enumerate(shape_of(site, "Table", count))]
     else:
-        axes = [_axis(site, name) for name in names]
+        axes = _axes(site, "Table", names)
     return looked_up(site, "Table", axes, _coordinates(site, count), method)
 
 
 def _object(site: Site) -> Wired:
     """A table whose values and breakpoints are in one variable."""
     whole = site.text("LookupTableObject")
+    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    if (given := given_table(site, whole)) is not None:
+        axes = list(given.variable.axes)
+        return _looked_up(site, given, axes, _coordinates(site, len(axes)), method)
     table = named_text(site, f"{whole}.Table")
     count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
     axes = []
@@ -68,7 +72,6 @@ def _object(site: Site) -> Wired:
             axes.append(Axis(points))
         except ArgumentError as error:
             raise UnsupportedError(f"breakpoints {at + 1} of {whole}: {error}") from None
-    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     return _looked_up(site, replace(table, name=whole), axes, _coordinates(site, count), method)
 
 
@@ -116,7 +119,13 @@ def shape_of(site: Site, name: str, count: int) -> tuple[int, ...]:
     return (found.size,) if count == 1 else found.shape
 
 
-def _axis(site: Site, name: str) -> Axis:
+def _axes(site: Site, table: str, names: list[str]) -> list[Axis]:
+    """The axes of a table: those of a calibration file, which come with its values, else the fields' breakpoints."""
+    own = named(site, table).variable.axes
+    return list(own) if len(own) == len(names) else [axis_of(site, name) for name in names]
+
+
+def axis_of(site: Site, name: str) -> Axis:
     """The breakpoints of a dimension; a variable by its name, so that tables share it."""
     found = named(site, name)
     group = found.name if found.is_variable else ""
@@ -204,7 +213,7 @@ def _snapped(site: Site, x: Signal, axis: Axis, how: str) -> Signal:
 def lookup(site: Site) -> Wired:
     """A curve, as files before R2011a have it."""
     table = "Table" if site.atom.block.value("Table") is not None else "OutputValues"
-    return looked_up(site, table, [_axis(site, "InputValues")], [site.input()], _old_method(site))
+    return looked_up(site, table, _axes(site, table, ["InputValues"]), [site.input()], _old_method(site))
 
 
 @block("Lookup2D", RowIndex="[0 1]", ColumnIndex="[0 1]", Table="[0 0;0 0]", LookUpMeth="Interpolation-Extrapolation",
@@ -214,7 +223,7 @@ def lookup_2d(site: Site) -> Wired:
     rows = "RowIndex" if site.atom.block.value("RowIndex") is not None else "x"
     columns = "ColumnIndex" if site.atom.block.value("ColumnIndex") is not None else "y"
     table = "Table" if site.atom.block.value("Table") is not None else "t"
-    return looked_up(site, table, [_axis(site, rows), _axis(site, columns)], site.inputs[:2], _old_method(site))
+    return looked_up(site, table, _axes(site, table, [rows, columns]), site.inputs[:2], _old_method(site))
 
 
 def _old_method(site: Site) -> Method:
@@ -239,7 +248,7 @@ def direct_lookup(site: Site) -> Wired:
         places.insert(0, site.constant(*map(float, range(shape[0]))))
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
         raise UnsupportedError(f"its inputs do not choose an {wanted.lower()} of a table of {count} dimensions")
-    axes = [Axis(np.arange(size)) for size in shape]
+    axes = numbered(site, "Table", shape)
     return looked_up(site, "Table", axes, places, Method("linear", "clip"))
 
 
@@ -266,3 +275,13 @@ def _line(site: Site, x: Signal, points: list[list[Signal]], at: int) -> Signal:
     (x0, x1), (y0, y1) = (one[at : at + 2] for one in points)
     share = site.call("div", site.call("sub", x, x0), site.call("sub", x1, x0))
     return site.call("add", y0, site.call("mul", share, site.call("sub", y1, y0)))
+
+
+def numbered(site: Site, table: str, shape: tuple[int, ...]) -> list[Axis]:
+    """Axes that count from 0; raises `UnsupportedError` where a calibration file gives the table others."""
+    axes = [Axis(np.arange(size)) for size in shape]
+    own = named(site, table).variable.axes
+    if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):
+        what = f"the calibration file gives its {table} breakpoints, but the model looks it up by number"
+        raise UnsupportedError(what, "Give its values in a script or as a value block.")
+    return axes

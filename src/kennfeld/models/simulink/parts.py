@@ -1,0 +1,97 @@
+"""Which subsystems of a model that is not whole can be imported by themselves, the largest first.
+
+A subsystem is tried where none of its blocks is known to be unsupported; where it cannot be imported all the same,
+those within it are tried. So each block is looked at a few times at most.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from kennfeld.errors import InputError
+from kennfeld.models.simulink.blocktypes.registry import KINDS
+from kennfeld.models.simulink.expressions import NoValueError
+from kennfeld.models.simulink.importing import Opened, Work
+from kennfeld.models.simulink.report import Importable, ImportReport
+from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.tree import Block, System, split
+from kennfeld.models.simulink.variables import Given
+from kennfeld.models.simulink.variants import content
+
+__all__ = ["inspect_simulink"]
+
+_SMALLEST = 2  # blocks besides ports
+_AGAIN = 4  # times that the blocks of a model are built on the search
+_MOST = 50  # subsystems told
+
+
+def inspect_simulink(
+    path: str | Path,
+    subsystem: str | None = None,
+    parameters: Iterable[Given] = (),
+    folders: Iterable[str | Path] = (),
+) -> ImportReport:
+    """What an import makes of a file or a subsystem and, where that stops, which subsystems within can be imported.
+
+    Raises `InputError` where the file cannot be read.
+    """
+    opened = Opened.of(path, parameters, folders)
+    system, scope, prefix = opened.system(subsystem)
+    work = Work(opened, system, scope)
+    report = work.report(work.woven())
+    if report.whole:
+        return report
+    search = _Search(opened, report, len(split(prefix)) if prefix else 0)
+    search.below(system, scope)
+    found = sorted(search.found, key=lambda one: (-one.blocks, one.path))
+    return replace(report, subsystems=tuple(found[:_MOST]))
+
+
+class _Search:
+    def __init__(self, opened: Opened, report: ImportReport, depth: int) -> None:
+        self.opened, self.depth = opened, depth
+        self.bad = {names for one in report.unsupported for names in _around(one.path)}
+        self.bad |= {names for loop in report.loops for path in loop for names in _around(path)}
+        self.left = _AGAIN * report.total + 1000
+        self.found: list[Importable] = []
+
+    def below(self, root: System, scope: Scope) -> None:
+        waiting = [(block, scope) for block in reversed(root.blocks)]
+        while waiting and self.left > 0:
+            block, scope = waiting.pop()
+            if block.system is None or not _is_plain(block):
+                continue
+            inside = self.opened.models.get(block.model) or scope.within(block)
+            one = None if split(block.path)[self.depth :] in self.bad else self._tried(block, inside)
+            if one is None:
+                waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
+            elif one.blocks - len(one.inputs) - len(one.outputs) >= _SMALLEST:
+                self.found.append(one)
+
+    def _tried(self, block: Block, scope: Scope) -> Importable | None:
+        """The subsystem as it is imported; None where it is not whole."""
+        if block.system is None or not any(block.system.of("Outport")):
+            return None
+        try:
+            work = Work(self.opened, content(block, scope)[0], scope)
+            self.left -= len(work.flat.atoms)
+            weaver = work.woven()
+            report = work.report(weaver)
+        except (InputError, NoValueError):
+            return None
+        if not report.whole or report.unsupported:
+            return None
+        outputs = tuple(port.block.name for port in work.flat.outports)
+        return Importable(block.path, report.total, tuple(weaver.inputs), outputs)
+
+
+def _around(path: str) -> Iterator[tuple[str, ...]]:
+    """The names along the ways to the systems around a block."""
+    names = split(path)
+    return (names[:count] for count in range(1, len(names) + 1))
+
+
+def _is_plain(block: Block) -> bool:
+    """Whether a block is a subsystem by what is drawn in it."""
+    drawn = (block.value("SFBlockType") or "NONE") == "NONE" and block.chart is None
+    return drawn and (block.mask is None or block.mask.type not in KINDS)

@@ -1,0 +1,326 @@
+"""Data files of versions 4, 5 and 7.3 as a tree: what is in them, and how far damage reaches."""
+
+import random
+import struct
+import tracemalloc
+import zlib
+from io import BytesIO
+
+import h5py
+import numpy as np
+import pytest
+from matlab_files import save73
+from scipy.io import savemat
+from scipy.sparse import csc_array
+from simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
+
+from kennfeld.matlab.data import loaded_of, nodes_of
+from kennfeld.matlab.mcos import single, workspace
+from kennfeld.matlab.tree import DamageError, Numbers, Struct, Text, Unreadable
+
+SPARSE, COMPRESSED, LOGICAL = 5, 15, 0x200
+
+
+def five(*parts, order="<"):
+    """A file of version 5 with these elements."""
+    mark = b"\0\1IM" if order == "<" else b"\1\0MI"
+    return b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + mark + b"".join(parts)
+
+
+def packed(content):
+    made = zlib.compress(content, 9)
+    return struct.pack("<II", COMPRESSED, len(made)) + made
+
+
+def saved(variables, **options):
+    stream = BytesIO()
+    savemat(stream, variables, **options)
+    return stream.getvalue()
+
+
+def sparse(shape, rows, starts, values, flags=0):
+    head = element(6, struct.pack("<II", SPARSE | flags, 0)) + element(5, np.array(shape, "<i4").tobytes())
+    parts = [element(5, np.array(given, "<i4").tobytes()) for given in (rows, starts)]
+    return element(14, head + element(1, b"z") + b"".join(parts) + element(9, np.array(values, "<f8").tobytes()))
+
+
+SPARSE_VALUES = np.array([[0.0, 2.0, 0.0], [3.0, 0.0, -1.5]])
+
+
+def save_sparse73(path, full, name="z"):
+    """A sparse matrix as MATLAB lays it out in HDF5: no rows nor numbers where all of it is 0."""
+    save73(path, {"K": 1.0})
+    given = csc_array(full)
+    with h5py.File(path, "r+") as file:
+        group = file.create_group(name)
+        group.attrs["MATLAB_class"], group.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(full.shape[0])
+        group["jc"] = given.indptr.astype(np.uint64)
+        if given.nnz:
+            group["ir"], group["data"] = given.indices.astype(np.uint64), given.data
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("options", [{"format": "4"}, {}, {"do_compression": True}])
+def test_sparse_matrices_are_written_out(options):
+    found = nodes_of(saved({"z": csc_array(SPARSE_VALUES), "empty": csc_array((2, 3))}, **options))
+    np.testing.assert_array_equal(found["z"].values, SPARSE_VALUES)
+    np.testing.assert_array_equal(found["empty"].values, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("full", [SPARSE_VALUES, np.zeros((2, 3))])
+def test_sparse_matrices_of_the_newest_version_are_written_out(full, tmp_path):
+    np.testing.assert_array_equal(nodes_of(save_sparse73(tmp_path / "a.mat", full))["z"].values, full)
+
+
+def test_sparse_logical_arrays_stay_logical():
+    found = nodes_of(five(sparse((2, 2), [1], [0, 1, 1], [1.0], LOGICAL)))["z"]
+    assert (found.kind, found.whole, found.values.tolist()) == ("logical", True, [[0, 0], [1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        (((2, 2), [2], [0, 1, 1], [1.0]), "rows of a sparse matrix"),
+        (((2, 2), [-1], [0, 1, 1], [1.0]), "rows of a sparse matrix"),
+        (((2, 2), [0], [0, 2, 2], [1.0]), "rows of a sparse matrix"),
+        (((2, 2), [0], [0, 1], [1.0]), "columns of a sparse matrix"),
+        (((2, 2), [0], [1, 1, 1], [1.0]), "columns of a sparse matrix"),
+        (((2, 2), [0], [0, 1, 0], [1.0]), "columns of a sparse matrix"),
+        (((2, 2, 2), [0], [0, 1, 1], [1.0]), "unknown form"),
+    ],
+)
+def test_sparse_matrices_that_do_not_fit_together_are_refused(parts, said):
+    with pytest.raises(DamageError, match=said):
+        nodes_of(five(sparse(*parts)))
+
+
+def test_sparse_matrices_take_no_more_memory_than_they_deserve():
+    tracemalloc.start()
+    try:
+        found = nodes_of(five(sparse((2_000_000_000, 1), [0], [0, 1], [1.0])))
+        triples = saved({"z": np.array([[1.0, 1.0, 1.0], [2e9, 2e9, 0.0]])}, format="4")
+        old = nodes_of(struct.pack("<i", 2) + triples[4:])
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+    assert found["z"] == old["z"] == Unreadable("sparse matrix")
+
+
+@pytest.mark.parametrize(
+    ("triples", "said"),
+    [
+        ([[3.0, 1.0, 1.0], [2.0, 2.0, 0.0]], "make no sense"),
+        ([[0.5, 1.0, 1.0], [2.0, 2.0, 0.0]], "make no sense"),
+        ([[np.nan, 1.0, 1.0], [2.0, 2.0, 0.0]], "make no sense"),
+        ([[1.0, 1.0, 1.0], [-2.0, 2.0, 0.0]], "make no sense"),
+        ([[1.0, 1.0]], "make no sense"),
+    ],
+)
+def test_sparse_matrices_of_version_4_that_do_not_fit_are_refused(triples, said):
+    with pytest.raises(DamageError, match=said):
+        nodes_of(struct.pack("<i", 2) + saved({"z": np.array(triples)}, format="4")[4:])
+
+
+@pytest.mark.parametrize("version", ["4", "5"])
+def test_complex_numbers_are_told(version):
+    found = nodes_of(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
+    assert found["z"] == Unreadable("complex numbers")
+    assert found["K"].values.tolist() == [[1.0]]
+    assert nodes_of(saved({"z": csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == Unreadable("complex numbers")
+
+
+@pytest.mark.parametrize("kind", [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)])
+def test_integers_of_all_kinds_keep_their_kind(kind):
+    extremes = np.array([[np.iinfo(kind).min, 5, np.iinfo(kind).max]], dtype=kind)
+    found = nodes_of(saved({"k": extremes}))["k"]
+    assert (found.kind, found.whole, found.values.tolist()) == (kind, True, extremes.tolist())
+
+
+def test_files_of_the_other_byte_order_are_read():
+    def part(kind, raw):
+        return struct.pack(">II", kind, len(raw)) + raw + bytes(-len(raw) % 8)
+
+    head = part(6, struct.pack(">II", DOUBLE, 0)) + part(5, struct.pack(">ii", 1, 2)) + part(1, b"K")
+    word = part(6, struct.pack(">II", CHAR, 0)) + part(5, struct.pack(">ii", 1, 2)) + part(1, b"w")
+    written = part(14, head + part(9, struct.pack(">dd", 2.5, -4))) + part(
+        14, word + part(17, "aé".encode("utf-16-be"))
+    )
+    found = nodes_of(five(written, order=">"))
+    assert (found["K"].values.tolist(), found["w"]) == ([[2.5, -4]], Text("aé"))
+
+
+def test_a_header_may_say_anything_before_the_mark_of_its_byte_order():
+    assert nodes_of(b"written by a test".ljust(124) + five()[124:] + numbers([[2.5]], name="K"))["K"].values == 2.5
+
+
+@pytest.mark.parametrize("version", ["4", "5", "7.3"])
+def test_rows_of_characters_stay_rows(version, tmp_path):
+    if version == "7.3":
+        save73(tmp_path / "a.mat", {"name": "x"})
+        with h5py.File(tmp_path / "a.mat", "r+") as file:
+            del file["name"]
+            file["name"] = np.array([[ord(letter) for letter in row] for row in ("ab", "cd", "e ")], np.uint16).T
+            file["name"].attrs["MATLAB_class"] = np.bytes_("char")
+        found = nodes_of((tmp_path / "a.mat").read_bytes())["name"]
+    else:
+        found = nodes_of(saved({"name": np.array(["ab", "cd", "e "])}, format=version))["name"]
+    assert (found.rows, found.text) == (("ab", "cd", "e"), "ab\ncd\ne")
+
+
+def test_a_line_end_within_a_text_makes_no_rows():
+    assert nodes_of(five(text("one\ntwo", "note")))["note"] == Text("one\ntwo")
+
+
+def broken(name):
+    """An array that has fewer numbers than it claims."""
+    return array(DOUBLE, (3, 3), element(9, bytes(8)), name=name)
+
+
+def test_a_damaged_variable_does_not_take_the_others_with_it():
+    content = five(numbers([[1.0]], name="A"), broken("B"), numbers([[3.0]], name="C"))
+    loaded = loaded_of(content)
+    assert loaded.variables["B"] == Unreadable("damaged value", why="an array claims 3 x 3 values in 8 bytes")
+    assert [loaded.variables[name].values.item() for name in "AC"] == [1.0, 3.0]
+    assert (loaded.damage, loaded.lost) == ("an array claims 3 x 3 values in 8 bytes", "")
+    with pytest.raises(DamageError, match="claims 3 x 3 values"):
+        nodes_of(content)
+
+
+def test_damage_within_a_struct_stays_within_its_field():
+    loaded = loaded_of(five(struct_of({"a": numbers([[1.0]]), "b": broken(""), "c": text("x")}, name="S")))
+    fields = loaded.variables["S"].fields
+    assert (fields["a"].values.item(), fields["c"]) == (1.0, Text("x"))
+    assert isinstance(fields["b"], Unreadable)
+    assert loaded.damage
+
+
+def test_a_garbled_packed_variable_does_not_take_the_others_with_it():
+    garbled = bytearray(packed(numbers(np.arange(50.0), name="B")))
+    garbled[40] ^= 255
+    loaded = loaded_of(five(packed(numbers([[1.0]], name="A")), bytes(garbled), packed(numbers([[3.0]], name="C"))))
+    assert set(loaded.variables) == {"A", "C"}
+    assert "packed element at byte" in loaded.lost
+
+
+@pytest.mark.parametrize("version", ["4", "5"])
+def test_the_variables_before_a_cut_are_read(version):
+    content = saved({"A": 1.0, "B": np.arange(100.0)}, format=version)
+    loaded = loaded_of(content[:-40])
+    assert loaded.variables["A"].values.item() == 1.0
+    assert "claims" in loaded.lost
+    assert set(loaded.variables) == {"A"}
+
+
+def test_a_damaged_variable_of_the_newest_version_does_not_take_the_others_with_it(tmp_path):
+    content = save_sparse73(tmp_path / "a.mat", SPARSE_VALUES)
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        file["z/ir"][0] = 7
+    content = (tmp_path / "a.mat").read_bytes()
+    loaded = loaded_of(content)
+    assert (loaded.variables["K"].values.item(), loaded.lost) == (1.0, "")
+    assert "rows of a sparse matrix" in loaded.variables["z"].why
+    assert "cut off" in loaded_of(content[: len(content) // 2]).lost
+
+
+@pytest.mark.parametrize("content", [b"", b"no data file at all, but a text", b"\0" * 19 + b"\1", b"short"])
+def test_what_is_no_data_file_is_told(content):
+    with pytest.raises(DamageError):
+        nodes_of(content)
+
+
+@pytest.mark.parametrize("shape", [(1,), (), (1,) * 40])
+def test_sizes_that_no_array_has_are_refused(shape):
+    with pytest.raises(DamageError, match="dimensions"):
+        nodes_of(five(array(DOUBLE, shape, element(9, bytes(8)), name="K")))
+    with pytest.raises(DamageError, match="claims 0 x 2147483647"):
+        nodes_of(five(array(DOUBLE, (0, 2**31 - 1, 2**31 - 1), element(9, b""), name="K")))
+
+
+def test_a_bomb_of_packed_zeros_is_refused_and_what_stands_before_it_is_read():
+    bomb = packed(numbers(np.zeros(3_000_000), name="B"))
+    tracemalloc.start()
+    try:
+        loaded = loaded_of(five(packed(numbers([[1.0]], name="A")), *[bomb] * 3), 10_000_000)
+        assert tracemalloc.get_traced_memory()[1] < 2_000_000
+    finally:
+        tracemalloc.stop()
+    assert set(loaded.variables) == {"A"}
+    assert "claims 24000056 bytes" in loaded.lost
+
+
+def test_a_packed_array_may_lack_the_end_of_its_stream():
+    packer = zlib.compressobj()
+    stream = packer.compress(numbers(np.arange(50.0), name="K")) + packer.flush(zlib.Z_SYNC_FLUSH)
+    found = nodes_of(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
+    np.testing.assert_array_equal(found["K"].values, [np.arange(50.0)])
+    with pytest.raises(DamageError, match=r"garbled|cut off"):
+        nodes_of(five(struct.pack("<II", COMPRESSED, 40) + stream[:40]))
+
+
+def test_more_arrays_are_read_where_that_is_asked_for():
+    content = five(array(CELL, (120_000, 1), *[element(14, b"")] * 120_000, name="c"))
+    assert "claims 120000 x 1 values" in loaded_of(content).variables["c"].why
+    assert len(loaded_of(content, most_nodes=200_000).variables["c"].cells) == 120_000
+
+
+def test_packed_arrays_share_what_may_be_unpacked():
+    one = packed(numbers(np.zeros(100_000), name="A"))
+    loaded = loaded_of(five(one, packed(numbers(np.zeros(100_000), name="B"))), 1_000_000)
+    assert set(loaded.variables) == {"A"}
+    assert "claims 800056 bytes" in loaded.lost
+
+
+@pytest.mark.parametrize("kind", [CELL, STRUCT])
+def test_arrays_of_nothing_are_counted(kind):
+    names = (element(5, struct.pack("<i", 8)), element(1, b"")) if kind == STRUCT else ()
+    many = [
+        array(kind, (60_000, 1), *names, *[element(14, b"")] * (60_000 if kind == CELL else 0), name=n) for n in "ab"
+    ]
+    loaded = loaded_of(five(*many))
+    assert set(loaded.variables) == {"a"}
+    assert "more than 100000 arrays" in loaded.lost
+
+
+def test_an_array_without_a_header_is_read():
+    node = single(b"\0\1IM\0\0\0\0" + numbers(np.arange(6.0).reshape(2, 3)))
+    np.testing.assert_array_equal(node.values, np.arange(6.0).reshape(2, 3))
+    assert single(b"\0\1IM\0\0\0\0" + packed(text("x"))) == Text("x")
+
+
+@pytest.mark.parametrize("content", [b"", b"\0\1IM\0\0\0\0", b"\0\1IM\0\0\0\0" + numbers([[1.0]])[:-4], b"a" * 90])
+def test_bytes_without_an_array_are_told(content):
+    with pytest.raises(DamageError):
+        single(content)
+
+
+def test_a_damaged_variable_of_a_workspace_does_not_take_the_others_with_it():
+    loaded = workspace(b"\0\1IM\0\0\0\0" + struct_of({"A": numbers([[1.0]]), "B": broken("")}))
+    assert loaded.variables["A"].values.item() == 1.0
+    assert isinstance(loaded.variables["B"], Unreadable)
+    assert loaded.damage
+    assert not loaded.lost
+
+
+@pytest.mark.parametrize("version", ["4", "5", "7"])
+def test_garbled_files_are_read_as_far_as_they_go(version):
+    given = {
+        "A": np.arange(9.0),
+        "S": {"a": 1, "b": "x"},
+        "z": csc_array(SPARSE_VALUES),
+        "name": np.array(["ab", "cd"]),
+    }
+    if version == "4":
+        del given["S"]
+    whole, chance = saved(given, format="4" if version == "4" else "5", do_compression=version == "7"), random.Random(5)
+    read = 0
+    for _ in range(500):
+        raw = bytearray(whole)
+        for _ in range(chance.choice((1, 2, 8))):
+            raw[chance.randrange(0 if version == "4" else 128, len(raw))] = chance.choice(
+                (0, 1, 14, 255, chance.randrange(256))
+            )
+        if chance.random() < 0.2:
+            del raw[chance.randrange(130, len(raw)) :]
+        found = loaded_of(bytes(raw), 10_000_000).variables
+        read += any(isinstance(node, Numbers | Text | Struct) for node in found.values())
+    assert read > 150

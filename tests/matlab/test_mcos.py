@@ -1,0 +1,253 @@
+"""Objects of classes in data files and model workspaces, as the tree shows them."""
+
+import random
+import struct
+import tracemalloc
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from matlab_files import save73
+from simulink_data import OPAQUE, UINT8, Store, Thing, element, matfile, mxarray, numbers, struct_of
+
+from kennfeld.matlab.data import loaded_of
+from kennfeld.matlab.mcos import workspace
+from kennfeld.matlab.tree import Cells, DamageError, Node, Struct, Structs, Text, Unreadable
+from kennfeld.matlab.v5 import elements_from
+
+TAG = np.array([0xDD000000], "<u4").tobytes()
+SIMULINK = "Simulink.Parameter"
+
+
+def parameter(value, **said):
+    return Thing(SIMULINK, {"Value": value, **said})
+
+
+def axis(name, points):
+    return Thing("Simulink.lookuptable.Breakpoint", {"Value": [points], "Unit": "rpm", "FieldName": name})
+
+
+def table():
+    values = Thing("Simulink.lookuptable.Table", {"Value": [[1.0, 2.0]], "Unit": "Nm", "Max": 5.0})
+    return Thing("Simulink.LookupTable", {"Table": values, "Breakpoints": [axis("n", [700.0, 1500.0])] * 2})
+
+
+@pytest.fixture(params=["workspace", "data file"])
+def read(request):
+    """Reads variables out of a model workspace, or out of a data file."""
+
+    def of(variables):
+        return workspace(mxarray(variables)) if request.param == "workspace" else loaded_of(matfile(variables))
+
+    return of
+
+
+def test_an_object_is_a_struct_with_the_name_of_its_class(read):
+    found = read({"K": 2.5, "P": parameter(3.0, Unit="Nm"), "S": Thing("Simulink.Signal", {"Min": -1.0})}).variables
+    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, Text("Nm"))
+    assert found["P"].fields["Value"].values.tolist() == [[3.0]]
+    assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
+    assert found["K"].values.item() == 2.5
+
+
+def test_objects_within_objects_are_opened(read):
+    points = Thing("Simulink.Breakpoint", {"Breakpoints": axis("n", [1.0, 2.0, 4.0])})
+    found = read({"L": table(), "B": points}).variables
+    assert found["L"].fields["Table"].fields["Value"].values.tolist() == [[1.0, 2.0]]
+    assert isinstance(found["L"].fields["Breakpoints"], Structs)
+    assert [one.fields["FieldName"] for one in found["L"].fields["Breakpoints"].elements] == [Text("n")] * 2
+    assert found["B"].fields["Breakpoints"].fields["Value"].values.tolist() == [[1.0, 2.0, 4.0]]
+
+
+def test_objects_within_structs_are_opened(read):
+    found = read({"S": {"engine": {"K": parameter(4.0)}, "n": 1.0}}).variables["S"]
+    assert found.fields["engine"].fields["K"].kind == SIMULINK
+    assert found.fields["engine"].fields["K"].fields["Value"].values.item() == 4.0
+
+
+def test_an_object_that_is_not_there_takes_no_other_with_it(read):
+    whole = {"P": parameter(1.0), "Q": parameter(2.0)}
+    raw = bytearray(mxarray(whole))
+    at = raw.index(TAG)
+    raw[at + 16 : at + 20] = (99).to_bytes(4, "little")
+    found = workspace(bytes(raw)).variables
+    assert found["P"] == Unreadable(SIMULINK, why="it holds no object 99")
+    assert found["Q"].fields["Value"].values.item() == 2.0
+    assert read(whole).variables["P"].fields["Value"].values.item() == 1.0
+
+
+def test_a_table_of_an_unknown_version_leaves_the_plain_variables():
+    raw = mxarray({"K": 1.0, "P": parameter(2.0)}, version=9)
+    found = workspace(raw).variables
+    assert found["K"].values.item() == 1.0
+    assert (found["P"].kind, found["P"].why) == (SIMULINK, "the table of its objects is of an unknown version")
+
+
+def test_an_object_without_its_properties_says_so():
+    raw = mxarray({"P": parameter(1.0)})
+    found = workspace(raw[: 16 + int.from_bytes(raw[12:16], "little")]).variables["P"]
+    assert (found.kind, found.why) == (SIMULINK, "the file does not hold its properties")
+
+
+def test_an_enumeration_says_that_it_is_none_of_the_known_objects():
+    kind = b"".join(element(1, part) for part in (b"Mode", b"MCOS", b"GearMode"))
+    head = element(6, struct.pack("<II", OPAQUE, 0))
+    enumeration = element(14, head + kind + struct_of({"ValueIndices": numbers([[0.0]])}))
+    plain = matfile({"P": parameter(1.0)})
+    found = loaded_of(plain[:128] + enumeration + plain[128:]).variables
+    assert found["Mode"].kind == "GearMode"
+    assert "enumeration" in found["Mode"].why
+    assert isinstance(found["P"], Struct)
+
+
+def test_objects_that_hold_each_other_end():
+    raw = bytearray(mxarray({"P": Thing("A.B", {"Value": Thing("A.B", {"Value": 1.0})})}))
+    at = raw.rindex(TAG)
+    raw[at + 16 : at + 20] = (2).to_bytes(4, "little")  # the inner object, from now on the outer one itself
+    node, depth = workspace(bytes(raw)).variables["P"], 0
+    while isinstance(node, Struct):
+        node, depth = node.fields["Value"], depth + 1
+    assert depth < 100
+    assert "too deeply" in node.why
+
+
+def test_objects_that_know_each_other_in_many_ways_are_opened_once_each():
+    inner = {name: Thing("A.B", {"K": 2.0}) for name in "abcd"}
+    raw = bytearray(mxarray({"P": Thing("A.B", {"K": 1.0, **inner})}))
+    outer, at = int.from_bytes(raw[raw.index(TAG) + 16 : raw.index(TAG) + 20], "little"), raw.index(TAG)
+    while (at := raw.find(TAG, at + 1)) >= 0:
+        raw[at + 16 : at + 20] = outer.to_bytes(4, "little")
+    fields = workspace(bytes(raw)).variables["P"].fields
+    assert fields["K"].values.item() == 1.0
+    assert all("hold each other" in fields[name].why for name in "abcd")
+
+
+def test_structs_may_be_as_deep_as_a_file_can_hold():
+    inner = {"K": 1.0}
+    for _ in range(40):
+        inner = {"s": inner}
+    node = workspace(mxarray({"S": inner, "P": parameter(1.0)})).variables["S"]
+    while "s" in node.fields:
+        node = node.fields["s"]
+    assert node.fields["K"].values.item() == 1.0
+
+
+def test_an_array_of_more_objects_than_the_file_holds_is_refused():
+    store = Store()
+    store.reference([parameter(1.0)])
+    many = np.array([[0xDD000000, 2, 2**31, 2**31 - 1, 1, 1]]).T
+    raw = b"\0\1IM\0\0\0\0" + struct_of({"P": numbers(many, 13, "<u4", 6)})
+    raw += numbers(np.frombuffer(store.written(), np.uint8)[:, None], UINT8, "u1", 2)
+    assert "make no sense" in workspace(raw).variables["P"].why
+
+
+def test_a_bomb_within_the_properties_is_refused():
+    made = zlib.compress(struct.pack("<II", 14, 50_000_000) + bytes(50_000_000), 9)
+    subsystem = b"\0\1IM\0\0\0\0" + struct.pack("<II", 15, len(made)) + made
+    raw = mxarray({"K": 1.0}) + numbers(np.frombuffer(subsystem, np.uint8)[:, None], UINT8, "u1", 2)
+    tracemalloc.start()
+    try:
+        found = workspace(raw, 10_000_000).variables
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()
+    assert found["K"].values.item() == 1.0
+
+
+def test_thousands_of_objects_are_read():
+    found = workspace(mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(3000)}))
+    assert [node.fields["Value"].values.item() for node in found.variables.values()] == list(range(3000))
+    assert not found.damage
+
+
+def test_an_array_of_numbers_is_no_workspace():
+    with pytest.raises(DamageError, match="it holds no variables"):
+        workspace(b"\0\1IM\0\0\0\0" + numbers([[1.0, 2.0]]))
+
+
+def test_an_empty_workspace_holds_nothing():
+    assert workspace(b"\0\1IM\0\0\0\0").variables == {}
+    assert workspace(b"\0\1IM\0\0\0\0" + numbers(np.zeros((0, 0)))).variables == {}
+    assert workspace(mxarray({})).variables == {}
+
+
+def test_a_workspace_whose_only_array_is_damaged_says_so():
+    raw = mxarray({"K": 1.0})
+    found = workspace(raw[:12] + b"\xff\xff" + raw[14:])
+    assert found.variables == {}
+    assert found.lost
+
+
+def save_objects73(path, things):
+    """Objects as MATLAB lays them out in HDF5: their properties, numbers and texts, in a cell array of their own."""
+    store = Store()
+    numbered = {name: store.reference([thing]) for name, thing in things.items()}
+    subsystem = np.frombuffer(store.written(), np.uint8)
+    wrapper = elements_from(memoryview(subsystem.tobytes()), 8, "<").further[0].fields["MCOS"].reference
+    given = [value for thing in things.values() for value in thing.properties.values()]
+    cells = (wrapper.cells[0].values, np.zeros((1, 1)), *given, *[np.zeros((1, 1))] * 3)
+    save73(path, {"K": 2.5, "cells": cells})
+    with h5py.File(path, "r+") as file:
+        file.move("cells", "#subsystem#/MCOS")
+        file["#subsystem#/MCOS"].attrs["MATLAB_class"] = np.bytes_("FileWrapper__")
+        file["#subsystem#/MCOS"].attrs["MATLAB_object_decode"] = np.int32(3)
+        for name, numbers_ in numbered.items():
+            file[name] = np.array([numbers_], np.uint32)
+            file[name].attrs["MATLAB_class"] = np.bytes_(things[name].kind)
+            file[name].attrs["MATLAB_object_decode"] = np.int32(3)
+    return path.read_bytes()
+
+
+def test_objects_of_the_newest_version_are_opened(tmp_path):
+    things = {"P": parameter(3.0, Unit="Nm", Max=9.0), "S": Thing("Simulink.Signal", {"Min": -1.0})}
+    found = loaded_of(save_objects73(tmp_path / "a.mat", things)).whole().variables
+    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, Text("Nm"))
+    assert [found["P"].fields[name].values.item() for name in ("Value", "Max")] == [3.0, 9.0]
+    assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
+    assert (found["K"].values.item(), set(found)) == (2.5, {"K", "P", "S"})
+
+
+def test_objects_of_the_newest_version_without_properties_leave_the_plain_variables(tmp_path):
+    save_objects73(tmp_path / "a.mat", {"P": parameter(3.0)})
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        del file["#subsystem#"]
+    found = loaded_of((tmp_path / "a.mat").read_bytes()).whole().variables
+    assert (found["K"].values.item(), found["P"].why) == (2.5, "the file does not hold its properties")
+
+
+@pytest.mark.parametrize(
+    ("kind", "node"),
+    [("cell", Cells([], (0, 1))), ("struct", Structs([], (0, 1))), ("char", Text("")), ("double", (0, 1))],
+)
+def test_empty_arrays_of_the_newest_version_keep_their_kind_and_size(kind, node, tmp_path):
+    save73(tmp_path / "a.mat", {"K": 1.0})
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        file["e"] = np.array([0, 1], np.uint64)
+        file["e"].attrs["MATLAB_class"], file["e"].attrs["MATLAB_empty"] = np.bytes_(kind), np.uint8(1)
+    found = loaded_of((tmp_path / "a.mat").read_bytes()).variables["e"]
+    assert (found.values.shape if kind == "double" else found) == node
+
+
+def nodes(node: Node):
+    yield node
+    inner = node.cells if isinstance(node, Cells) else node.elements if isinstance(node, Structs) else ()
+    for one in (*inner, *(node.fields.values() if isinstance(node, Struct) else ())):
+        yield from nodes(one)
+
+
+def test_garbled_workspaces_are_read_as_far_as_they_go():
+    plain = {"K": 2.5, "M": np.arange(12.0), "S": {"a": 1.0, "b": {"c": [[1.0, 2.0]]}}, "name": "turbo"}
+    whole, chance, read = mxarray({**plain, "P": parameter(1.0, Min=0.0), "L": table()}), random.Random(3), 0
+    for _ in range(500):
+        raw = bytearray(whole)
+        for _ in range(chance.choice((1, 2, 8))):
+            raw[chance.randrange(8, len(raw))] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
+        if chance.random() < 0.2:
+            del raw[chance.randrange(8, len(raw)) :]
+        try:
+            found = workspace(bytes(raw), 10_000_000).variables
+        except DamageError:
+            continue
+        read += any(not isinstance(one, Unreadable) for node in found.values() for one in nodes(node))
+    assert read > 150

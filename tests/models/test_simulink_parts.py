@@ -1,0 +1,115 @@
+"""Which subsystems of a model can be imported by themselves."""
+
+import numpy as np
+import pytest
+from simulink_files import Model
+from simulink_runs import run
+
+from kennfeld.cli import run as command
+from kennfeld.models.simulink.importing import Opened, simulink
+from kennfeld.models.simulink.parts import inspect_simulink
+
+U = np.linspace(-1, 1, 9)
+
+
+def chain(system, *gains, unsupported=False):
+    """Gains in a row from an inport to an outport."""
+    system.inport("u")
+    names = [f"K{at}" for at in range(len(gains))]
+    for name, gain in zip(names, gains, strict=True):
+        system.block("Gain", name, Gain=str(gain))
+    if unsupported:
+        system.block("S-Function", "Foreign", ports=(1, 1), FunctionName="foreign")
+        names.append("Foreign")
+    system.outport("y")
+    system.chain("u", *names, "y")
+
+
+def engine():
+    """A model in which an S-function stands in one of three subsystems, beside a larger one that is whole."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    outer = drawn.subsystem("Outer")
+    chain(outer, 2, unsupported=True)
+    chain(outer.subsystem("Within"), 1, 2, 3, 4)
+    chain(drawn.subsystem("Small"), 1)
+    chain(drawn.subsystem("Middle"), "a", "b")
+    drawn.inport("u")
+    drawn.outport("y")
+    drawn.chain("u", "Outer", "Small", "Middle", "y")
+    return drawn
+
+
+def test_the_largest_subsystems_that_are_whole_are_told(tmp_path):
+    path = engine().write(tmp_path)
+    found = inspect_simulink(path, parameters=[{"a": 3.0, "b": 2.0}]).subsystems
+    assert [(one.path, one.blocks, one.inputs, one.outputs) for one in found] == [
+        ("Outer/Within", 6, ("u",), ("y",)),
+        ("Middle", 4, ("u",), ("y",)),
+    ]
+    given = [{"a": 3.0, "b": 2.0}]
+    np.testing.assert_allclose(run(simulink(path, "Middle", given), {"u": U})["y"], 6 * U)
+    np.testing.assert_allclose(run(simulink(path, "Outer/Within"), {"u": U})["y"], 24 * U)
+
+
+def test_a_subsystem_whose_variables_have_no_value_is_not_among_them(tmp_path):
+    found = inspect_simulink(engine().write(tmp_path)).subsystems
+    assert [one.path for one in found] == ["Outer/Within"]
+
+
+def test_a_model_that_is_whole_has_no_need_of_it(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    chain(drawn, 1, 2)
+    chain(drawn.subsystem("Part"), 1, 2)
+    report = inspect_simulink(drawn.write(tmp_path))
+    assert report.whole
+    assert report.subsystems == ()
+
+
+def test_the_command_shows_them(tmp_path, capsys):
+    assert command(["info", str(engine().write(tmp_path))]) == 0
+    shown = capsys.readouterr().out
+    assert "can be imported by itself" in shown
+    assert "Outer/Within" in shown
+
+
+def test_the_search_builds_each_block_a_few_times_at_most(tmp_path, monkeypatch):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("S-Function", "Foreign", ports=(1, 1), FunctionName="foreign")
+    drawn.outport("y")
+    drawn.chain("u", "Foreign", "y")
+    here = drawn
+    for level in range(40):  # each level has a loop of its own, so that none is whole
+        here = here.subsystem(f"Level{level}")
+        chain(here, *[1] * 50)
+        here.block("Gain", "Loop")
+        here.outport("z")
+        here.chain("Loop", "Loop", "z")
+    built = []
+    flat = Opened.flat
+
+    def counted(self, *args):
+        found = flat(self, *args)
+        built.append(len(found.atoms))
+        return found
+
+    monkeypatch.setattr(Opened, "flat", counted)
+    report = inspect_simulink(drawn.write(tmp_path))
+    assert report.subsystems == ()
+    assert sum(built) < 10 * report.total
+
+
+@pytest.mark.parametrize("kind", ["EnablePort", "TriggerPort"])
+def test_a_conditional_subsystem_can_be_among_them(kind, tmp_path):
+    drawn = engine()
+    inner = drawn.subsystem("Sometimes")
+    chain(inner, 5, 6)
+    inner.block(kind, "P")
+    path = drawn.write(tmp_path)
+    assert "Sometimes" in [one.path for one in inspect_simulink(path).subsystems]
+    np.testing.assert_allclose(run(simulink(path, "Sometimes"), {"u": U})["y"], 30 * U)
+
+
+def test_the_search_can_begin_at_a_subsystem(tmp_path):
+    report = inspect_simulink(engine().write(tmp_path), "Outer")
+    assert [one.path for one in report.subsystems] == ["Outer/Within"]

@@ -1,0 +1,113 @@
+"""Subsystems whose content is a file of its own."""
+
+import numpy as np
+import pytest
+from simulink_files import LAYOUTS, Mask, Model
+from simulink_runs import imported, run, slopes
+
+from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink, simulink
+
+U = np.random.default_rng(3).normal(size=20)
+
+
+def part(name="filter", gain="k", **options):
+    """A file with a subsystem: a gain and a sum with the step before."""
+    made = Model(name, kind="Subsystem", **options)
+    made.inport("x")
+    made.block("Gain", "K", Gain=gain)
+    made.block("UnitDelay", "Z", SampleTime="-1")
+    made.block("Sum", "S", ports=(2, 1))
+    made.outport("y")
+    made.line("x", "K")
+    made.line("K", "S:1")
+    made.line("Z", "S:2")
+    made.line("S", "Z", "y")
+    return made
+
+
+def user(*names, **parameters):
+    """A model with subsystems in a row, the content of each in a file."""
+    made = Model(step="0.1", solver="FixedStepDiscrete")
+    made.inport("u")
+    before = "u"
+    for at, name in enumerate(names, 1):
+        made.block("SubSystem", f"R{at}", ports=(1, 1), ReferencedSubsystem=name, **parameters)
+        made.line(before, f"R{at}")
+        before = f"R{at}"
+    made.outport("y")
+    made.line(before, "y")
+    return made
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_content_of_a_subsystem_file_stands_in_its_place(layout, tmp_path):
+    part().write(tmp_path, layout)
+    model = imported(user("filter", "filter"), tmp_path, layout, parameters=[{"k": 0.5}])
+    found = run(model, {"u": U})["y"]
+    np.testing.assert_allclose(found, np.cumsum(0.5 * np.cumsum(0.5 * U)), atol=1e-13)
+    exact, differences = slopes(model, {"u": U}, "k", "y")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
+
+
+def test_each_place_sees_the_names_of_the_mask_around_it(tmp_path):
+    part(gain="k").write(tmp_path)
+    drawn = user("filter")
+    drawn.blocks[1].mask = Mask({"k": "2*c"})
+    found = run(imported(drawn, tmp_path, parameters=[{"c": 1.5}]), {"u": U})["y"]
+    np.testing.assert_allclose(found, np.cumsum(3.0 * U), atol=1e-12)
+
+
+def test_subsystem_files_are_found_in_further_folders_and_lead_on(tmp_path):
+    (tmp_path / "parts").mkdir()
+    outer = Model("outer", kind="Subsystem")
+    outer.inport("a")
+    outer.block("SubSystem", "In", ports=(1, 1), ReferencedSubsystem="filter.slx")
+    outer.outport("b")
+    outer.chain("a", "In", "b")
+    outer.write(tmp_path / "parts")
+    part(gain="2").write(tmp_path / "parts")
+    model = simulink(user("outer").write(tmp_path), folders=[tmp_path / "parts"])
+    np.testing.assert_allclose(run(model, {"u": U})["y"], np.cumsum(2 * U), atol=1e-12)
+
+
+def test_a_subsystem_file_can_be_imported_by_itself(tmp_path):
+    model = simulink(part(gain="2", step="0.1", solver="FixedStepDiscrete").write(tmp_path))
+    np.testing.assert_allclose(run(model, {"x": U})["y"], np.cumsum(2 * U), atol=1e-12)
+
+
+def test_a_missing_subsystem_file_is_told_with_its_name(tmp_path):
+    with pytest.raises(
+        InputError, match=r"R1: .*in the file lost, which was not found or does not fit. Put lost.slx beside the model"
+    ):
+        imported(user("lost"), tmp_path)
+
+
+def test_subsystem_files_that_lead_in_a_circle_are_told(tmp_path):
+    for name, to in (("one", "two"), ("two", "one")):
+        made = Model(name, kind="Subsystem")
+        made.inport("a")
+        made.block("SubSystem", "In", ports=(1, 1), ReferencedSubsystem=to)
+        made.outport("b")
+        made.chain("a", "In", "b")
+        made.write(tmp_path)
+    found = import_simulink(user("one").write(tmp_path))
+    assert found.model is None
+    assert any("one -> two -> one" in remark for remark in found.report.remarks)
+    with pytest.raises(InputError, match="In"):
+        imported(user("one"), tmp_path)
+
+
+@pytest.mark.parametrize("path", ["../secret", "/etc/passwd", "a b"])
+def test_a_name_that_is_no_name_of_a_file_is_not_looked_for(path, tmp_path):
+    with pytest.raises(InputError, match="was not found"):
+        imported(user(path), tmp_path)
+
+
+def test_a_model_is_no_subsystem_file(tmp_path):
+    other = part("whole")
+    other.kind = "Model"
+    other.write(tmp_path)
+    found = import_simulink(user("whole").write(tmp_path))
+    assert found.model is None
+    assert any("whole.slx, which is a model" in remark for remark in found.report.remarks)

@@ -1,0 +1,74 @@
+"""The variables that parameter files and scripts give to a model."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from simulink_data import Thing, matfile
+from simulink_files import Model
+
+from kennfeld.models.simulink.files import document
+from kennfeld.models.simulink.variables import variables_of
+
+
+def variables(folder, script=None, given=()):
+    """The variables of a model without any of its own, whose script is `init.m`."""
+    if script is not None:
+        (folder / "init.m").write_text(script)
+        given = (*given, folder / "init.m")
+    return variables_of(document(Model().written("slx parts"), Path(folder / "m.slx")), given)
+
+
+def saved(folder, values, name="data.mat"):
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, values)
+    (folder / name).write_bytes(stream.getvalue())
+
+
+def parameter():
+    return Thing("Simulink.Parameter", {"Value": [[2.0, 3.0]], "Min": 0.0, "Max": 9.0, "DocUnits": "Nm"})
+
+
+def test_a_script_uses_what_it_loads(tmp_path):
+    saved(tmp_path, {"M": np.arange(6.0).reshape(2, 3), "S": {"a": 4.0}, "n": np.int16(7)})
+    found = variables(tmp_path, "load data.mat\nK = M(2, 3)*S.a;\nn2 = double(n)/2;")
+    assert found.findings == []
+    assert (found["K"].value.item(), found["n2"].value.item()) == (20.0, 3.5)
+    assert found["M"].value.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+@pytest.mark.parametrize("script", ["load data.mat", None])
+def test_objects_of_a_data_file_keep_limits_and_units(tmp_path, script):
+    (tmp_path / "data.mat").write_bytes(matfile({"P": parameter(), "K": 2.5}))
+    found = variables(tmp_path, script, () if script else (tmp_path / "data.mat",))
+    p = found["P"]
+    assert (p.value.tolist(), p.lower, p.upper, p.unit) == ([[2.0, 3.0]], 0.0, 9.0, "Nm")
+    assert found["K"].value.item() == 2.5
+
+
+def test_a_damaged_data_file_is_told_where_a_script_loads_it(tmp_path):
+    saved(tmp_path, {"A": 1.0, "B": np.arange(100.0)})
+    whole = (tmp_path / "data.mat").read_bytes()
+    (tmp_path / "data.mat").write_bytes(whole[:-40])
+    found = variables(tmp_path, "K = 1;\nload data.mat\nL = 2;")
+    assert "data.mat: the MATLAB file is damaged" in str(found.findings[0])
+    assert set(found) == {"K", "L"}
+
+
+def test_a_damaged_data_file_that_is_given_is_used_as_far_as_it_goes(tmp_path):
+    saved(tmp_path, {"A": 1.0, "B": np.arange(100.0)})
+    whole = (tmp_path / "data.mat").read_bytes()
+    (tmp_path / "data.mat").write_bytes(whole[:-40])
+    found = variables(tmp_path, given=(tmp_path / "data.mat",))
+    assert set(found) == {"A"}
+    assert "cannot be read whole" in str(found.findings[0])
+
+
+def test_a_script_loads_no_file_of_another_folder(tmp_path):
+    (tmp_path / "m").mkdir()
+    saved(tmp_path, {"A": 1.0})
+    found = variables(tmp_path / "m", "load ../data.mat")
+    assert "A" not in found
+    assert found.findings
