@@ -283,7 +283,7 @@ def test_the_numbers_of_a_multiport_switch_may_be_listed(default, tmp_path):
     columns = {"u1": number} | {f"u{at}": np.full(6, 10.0 * at) for at in (2, 3, 4)}
     found = run(imported(drawn, tmp_path, parameters=[{"k": 4.0}]), columns)["y1"]
     assert found.tolist() == [20, 40, 20, 40, 30, 40]
-    with pytest.raises(InputError, match="DataPortIndices is 3, not a list of cases"):
+    with pytest.raises(InputError, match="DataPortIndices is 3, not a list of cases in braces"):
         imported(alone("MultiPortSwitch", 4, DataPortOrder="Specify indices", DataPortIndices="3"), tmp_path)
 
 

@@ -43,7 +43,7 @@ class Atom:
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
     around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
     blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name. `ways` are the elements of a bus that it stands for. `why` says why it cannot be
+    block reads or writes by its name, `ways` are the elements of a bus that it stands for. `why` says why it cannot be
     built, `undefined` which variable has no value then.
 
     In a subsystem that runs several times in a step, `passes` are the passes that it belongs to, of each such subsystem
@@ -64,13 +64,13 @@ class Atom:
     undefined: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
     store: "Atom | None" = None
-    ways: tuple[str, ...] = ()
     passes: tuple[int, ...] = ()
     element: int = 0
     earlier: "Atom | None" = None
     later: "Atom | None" = None
     begins: bool = False
     hidden: bool = False
+    ways: tuple[str, ...] = ()
 
     @property
     def repeats(self) -> bool:
@@ -239,10 +239,10 @@ class _Flattening:
         path = joined(*level.path, block.name)
         if path in self.cuts:
             self._atom(level, block, "Bound")
-        elif level.parent is not None and element_of(block) is not None:
-            self._element(level, block)
         elif is_variant(block):
             self._variant(level, block)
+        elif level.parent is not None and element_of(block) is not None:
+            self._element(level, block)
         elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
             self._enter(level, block, block.system)
         elif block.type == "Goto":
@@ -257,18 +257,6 @@ class _Flattening:
         else:
             closed = block.type in _NESTED and block.system is not None
             self._atom(level, block, _kind(block, self.known), why if closed else "")
-
-    def _element(self, level: Level, block: Block) -> None:
-        """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
-        conditional = level.control is not None and level.control.block is level.holder
-        if level.repeated is not None:
-            self._atom(level, block, "BusElements", "a bus element of a subsystem that runs several times in a step")
-            return
-        if block.type == "Inport":
-            self._atom(level, block, "BusElement")
-        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
-            why = "an output of a conditional subsystem that is made of bus elements"
-            self._atom(level, block, "BusElements", why if conditional else "")
 
     def _variant(self, level: Level, block: Block) -> None:
         """A block of variants: only the active one is left of it."""
@@ -294,6 +282,15 @@ class _Flattening:
         if at is not None:
             level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
         self._atom(level, block, "Inactive")
+
+    def _element(self, level: Level, block: Block) -> None:
+        """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
+        conditional = level.control is not None and level.control.block is level.holder
+        if block.type == "Inport":
+            self._atom(level, block, "BusElement")
+        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
+            why = "an output of a conditional subsystem that is made of bus elements"
+            self._atom(level, block, "BusElements", why if conditional else "")
 
     def _closed(self, block: Block) -> str:
         """Why a subsystem is not looked into; empty where it is."""

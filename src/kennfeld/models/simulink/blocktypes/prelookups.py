@@ -84,7 +84,8 @@ def interpolation(site: Site) -> Wired:
     method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     if method.between == "spline":
         raise UnsupportedError("it has a spline, which needs the breakpoints themselves", "Use an n-D Lookup Table.")
-    if not chosen and method.between == "linear" and (before := _prelookups(site, count)):
+    before = [found for at in range(count) if (found := _prelookup_of(site, at)) is not None]
+    if len(before) == count and not chosen and method.between == "linear" and not site.on("RequireIndexFractionAsBus"):
         return _at_prelookups(site, before, method)
     shape = shape_of(site, "Table", count)
     places, port = [], 0
@@ -93,14 +94,6 @@ def interpolation(site: Site) -> Wired:
         places.append(place)
     places += [_within(site, site.input(port + at), shape[count - chosen + at]) for at in range(chosen)]
     return looked_up(site, "Table", numbered(site, "Table", shape), places, method)
-
-
-def _prelookups(site: Site, count: int) -> list[Site]:
-    """The prelookups of all dimensions; none where one of them is something else."""
-    if site.on("RequireIndexFractionAsBus"):
-        return []
-    before = [found for at in range(count) if (found := _prelookup_of(site, at)) is not None]
-    return before if len(before) == count else []
 
 
 def _place(site: Site, port: int) -> tuple[Signal, int]:
@@ -126,15 +119,15 @@ def _prelookup_of(site: Site, at: int) -> Site | None:
     if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].atom is not sources[1].atom:
         return None
     before = site.weaver.site(sources[0].atom)
-    fixed = before.atom.kind == "PreLookup" and before.text("BreakpointsDataSource") == "Dialog"
-    paired = fixed and (sources[0].port, sources[1].port) == (0, 1)
-    return before if paired and site.weaver.rate(before.atom) is None else None
+    paired = before.atom.kind == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
+    plain = paired and before.text("BreakpointsDataSource") == "Dialog" and not before.on("UseLastBreakpoint")
+    return before if plain and site.weaver.rate(before.atom) is None else None
 
 
 def _at_prelookups(site: Site, before: list[Site], method: Method) -> Wired:
     """The table over the breakpoints of prelookups, at their inputs."""
     own = named(site, "Table").variable.axes
-    axes = list(own) if len(own) == len(before) else [_axis_before(one) for one in before]
+    axes = list(own) if len(own) == len(before) else [_axis_of(one) for one in before]
     ends = [method.beyond if one.text("ExtrapMethod") == "Linear" else "clip" for one in before]
     places = [
         _between(site, one.input(), axis) if end == "clip" and "linear" in ends else one.input()
@@ -149,6 +142,6 @@ def _between(site: Site, x: Signal, axis: Axis) -> Signal:
     return site.clip(x, first, last)
 
 
-def _axis_before(before: Site) -> Axis:
+def _axis_of(before: Site) -> Axis:
     even = before.text("BreakpointsSpecification") == "Even spacing"
     return Axis(_points(before)) if even else axis_of(before, "BreakpointsData")

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.places import length_of, listed, positions
+from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.site import Site, cases_of
+from kennfeld.models.simulink.site import Site
 
 _LONGEST_PICK = 10_000
 _MOST_COMPARISONS = 100_000
@@ -283,33 +283,24 @@ def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
 def multiport_switch(site: Site) -> Wired:
     """One of several inputs by the number at the first; the last one for any number that is none of theirs."""
     order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
-    if order == "Specify indices":
-        return _by_indices(site)
-    first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
-    index = site.truncated(site.input(0))
+    index = site.input(0)
+    index = Signal(towards_zero(site.loom, index.nodes), index.period)
     data = [site.wired(at) for at in range(1, site.count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
         only = data[0]
         data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
     if not data:
         raise UnsupportedError("it has no data port")
+    if order == "Specify indices":
+        numbers = cases_of(site, "DataPortIndices")
+        if len(data) != len(numbers) + (site.text("DataPortForDefault") == "Additional data port"):
+            raise UnsupportedError(f"it has {len(data)} data ports for {len(numbers)} indices")
+    else:
+        first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+        numbers = [[float(first + at)] for at in range(len(data))]
     made = data[-1]
     for at in reversed(range(len(data) - 1)):
         made = chosen(site, site.call("eq", index, site.constant(float(first + at))), data[at], made)
-    return made
-
-
-def _by_indices(site: Site) -> Wired:
-    """One of several inputs by the cases that each is given; the last one, or one more behind it, for all others."""
-    cases = cases_of(site, "DataPortIndices")
-    data = [site.wired(at) for at in range(1, site.count)]
-    more = site.text("DataPortForDefault") == "Additional data port"
-    if len(data) != len(cases) + more or not data:
-        raise UnsupportedError(f"it has {len(data)} data ports for {len(cases)} indices")
-    index = site.truncated(site.input(0))
-    made = data[-1]
-    for case, one in reversed(list(zip(cases, data, strict=False))):
-        made = chosen(site, site.among(index, case), one, made)
     return made
 
 
