@@ -2,7 +2,11 @@
 
 import re
 
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
+from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.site import Site
 
 __all__ = ["cases_of", "length_of", "listed", "positions", "within"]

@@ -4,6 +4,7 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.expressions import towards_zero
 from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
 from kennfeld.models.simulink.site import Site
@@ -129,6 +130,8 @@ def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
 @block("BusElement")
 def bus_element(site: Site) -> Wired:
     """An element of the bus that a subsystem takes; the bus itself where none is named."""
+    if site.atom.why:
+        raise UnsupportedError(f"it is {site.atom.why}")
     way = site.atom.ways[0] if site.atom.ways else ""
     return member_of(site, site.wired(0), way) if way else site.wired(0)
 
@@ -300,7 +303,8 @@ def multiport_switch(site: Site) -> Wired:
         numbers = [[float(first + at)] for at in range(len(data))]
     made = data[-1]
     for at in reversed(range(len(data) - 1)):
-        made = chosen(site, site.call("eq", index, site.constant(float(first + at))), data[at], made)
+        here = site.fold("or", [site.call("eq", index, site.constant(number)) for number in numbers[at]])
+        made = chosen(site, here, data[at], made)
     return made
 
 
