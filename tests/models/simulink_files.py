@@ -53,12 +53,17 @@ class Block:
 
 @dataclass
 class Mask:
-    """`parameters` are names with expressions; those in `texts` are not evaluated."""
+    """`parameters` are names with expressions; those in `texts` are not evaluated.
+
+    `types` are those that are not "edit", `options` the choices of popups.
+    """
 
     parameters: dict[str, str]
     type: str = ""
     initialization: str = ""
     texts: tuple[str, ...] = ()
+    types: dict[str, str] = field(default_factory=dict)
+    options: dict[str, list[str]] = field(default_factory=dict)
 
 
 @dataclass
@@ -165,7 +170,10 @@ def _end(written, usual):
 
 
 class Model(System):
-    """A model, or with kind="Library" a library. `defaults` are by block type; `code` fills the model workspace."""
+    """A model, or with kind="Library" a library. `defaults` are by block type; `code` fills the model workspace.
+
+    `configuration` names one that is kept elsewhere.
+    """
 
     def __init__(
         self,
@@ -183,7 +191,9 @@ class Model(System):
         dictionary="",
         defaults=None,
         sids=True,
+        configuration="",
     ):
+        self.configuration = configuration
         self.count = 0
         super().__init__(self)
         self.name, self.kind, self.release, self.sids = name, kind, release, sids
@@ -271,6 +281,10 @@ def _parts(model, separate):
         f'{HEAD}<ConfigSet><Object ClassName="Simulink.ConfigSet"><Array PropName="Components" Type="Handle">'
         f'<Object ObjectID="2" ClassName="Simulink.SolverCC">{solver}</Object></Array></Object></ConfigSet>'
     )
+    if model.configuration:
+        name = _p("WSVarName", model.configuration)
+        elsewhere = f'<ConfigSet><Object ClassName="Simulink.ConfigSetRef">{name}</Object></ConfigSet>'
+        parts["simulink/configSet0.xml"] = HEAD + elsewhere
     release = f"<mwcoreProperties><matlabRelease>{model.release}</matlabRelease></mwcoreProperties>"
     parts["metadata/mwcoreProperties.xml"] = HEAD + release
     _charts_xml(model, parts, separate)
@@ -338,12 +352,18 @@ def _block_xml(block, parts, separate):
 def _mask_xml(mask):
     text = ' Evaluate="off"'
     parameters = "".join(
-        f'<MaskParameter Name={quoteattr(name)} Type="edit"{text if name in mask.texts else ""}>'
-        f"<Prompt>{escape(name)}</Prompt><Value>{escape(value)}</Value></MaskParameter>"
+        f'<MaskParameter Name={quoteattr(name)} Type="{mask.types.get(name, "edit")}"'
+        f"{text if name in mask.texts else ''}>"
+        f"<Prompt>{escape(name)}</Prompt><Value>{escape(value)}</Value>{_options_xml(mask, name)}</MaskParameter>"
         for name, value in mask.parameters.items()
     )
     code = f"<Initialization>{escape(mask.initialization)}</Initialization>" if mask.initialization else ""
     return f"<Mask><Type>{escape(mask.type)}</Type>{code}{parameters}</Mask>"
+
+
+def _options_xml(mask, name):
+    options = "".join(f"<Option>{escape(option)}</Option>" for option in mask.options.get(name, ()))
+    return f"<TypeOptions>{options}</TypeOptions>" if options else ""
 
 
 def _line_xml(wire, sids):
@@ -457,6 +477,8 @@ def _classic(model):
         content.append(_key("WSMdlFileData", "DataTag0"))
     solver = _braces("Simulink.SolverCC", "$ObjectID 8", *(_key(*pair) for pair in model.solver.items()))
     configuration = _braces("Simulink.ConfigSet", "$ObjectID 7", _braces("Array", 'Type "Handle"', solver))
+    if model.configuration:
+        configuration = _braces("Simulink.ConfigSetRef", "$ObjectID 7", _key("WSVarName", model.configuration))
     content.append(_braces("Array", 'Type "Handle"', configuration, 'PropName "ConfigurationSets"'))
     content.append(_braces("Simulink.ConfigSet", '$PropName "ActiveConfigurationSet"', "$ObjectID 7"))
     if model.defaults:
@@ -512,7 +534,8 @@ def _mask_braces(mask):
             "$ObjectID 9",
             _key("Name", name),
             _key("Value", value),
-            'Type "edit"',
+            _key("Type", mask.types.get(name, "edit")),
+            *_options_braces(mask, name),
             f'Evaluate "{"off" if name in mask.texts else "on"}"',
             _key("Prompt", name),
         )
@@ -523,6 +546,13 @@ def _mask_braces(mask):
         head.append(_key("Initialization", mask.initialization))
     array = _braces("Array", 'Type "Simulink.MaskParameter"', *parameters, 'PropName "Parameters"')
     return _braces("Object", *head, *([array] if parameters else []))
+
+
+def _options_braces(mask, name):
+    cells = [_key("Cell", option) for option in mask.options.get(name, ())]
+    return (
+        [_braces("Array", 'Type "Cell"', f"Dimension {len(cells)}", *cells, 'PropName "TypeOptions"')] if cells else []
+    )
 
 
 def _line_braces(wire):

@@ -560,7 +560,7 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
         ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),
-        ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: has no value; B needs it"),
+        ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: has no value"),
         ("SignalGenerator", {"WaveForm": "sawtooth"}, "its wave form is 'sawtooth'"),
     ):
         with pytest.raises(InputError, match=told):

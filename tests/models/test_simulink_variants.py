@@ -119,7 +119,6 @@ def test_the_mask_around_can_choose(tmp_path):
 @pytest.mark.parametrize(
     ("labels", "settings", "told"),
     [
-        (("mode == 1", "mode == 2"), {}, "mode is defined nowhere"),
         (("1", "2 > 1"), {}, "several of its variants are active: 1, 2 > 1"),
         (("0", "false"), {}, "none of its variants is active"),
         (("one", "two"), {"VariantControlMode": "label", "LabelModeActiveChoice": "three"}, "three is not among one"),
@@ -130,6 +129,11 @@ def test_the_mask_around_can_choose(tmp_path):
 def test_a_choice_that_cannot_be_made_is_told(labels, settings, told, tmp_path):
     with pytest.raises(InputError, match=rf"Plant: .*{told.replace('[', '.')}"):
         imported(plant(*labels, **settings), tmp_path, parameters=[GIVEN])
+
+
+def test_a_variable_without_a_value_is_told_by_name(tmp_path):
+    with pytest.raises(InputError, match="variable mode: has no value; Plant needs it"):
+        imported(plant("mode == 1", "mode == 2"), tmp_path, parameters=[GIVEN])
 
 
 def test_the_model_variants_of_old_releases_are_told(tmp_path):

@@ -18,6 +18,7 @@ from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
 from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source, controls, resets
 from kennfeld.models.simulink.integration import Integrated, advance
+from kennfeld.models.simulink.iteration import LOOPS
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
@@ -25,7 +26,7 @@ from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, Nodes, O
 from kennfeld.models.simulink.site import Site, resized
 from kennfeld.models.simulink.starts import at_start
 from kennfeld.models.simulink.stores import Stores
-from kennfeld.models.simulink.tree import split
+from kennfeld.models.simulink.tree import joined, split
 
 __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
@@ -94,6 +95,9 @@ class Weaver:
         self._shown: dict[Atom, Signal] = {}
         self._scalars: dict[Atom, tuple[Atom, int]] = {}
         self.wishes: dict[tuple[Atom, int], tuple[int, ...]] = {}
+        self._writes: dict[tuple[Atom, int], Callable[[], Nodes]] = {}
+        self._written: dict[tuple[Atom, int], Nodes] = {}
+        self.counts: dict[str, int] = {}
         self.inputs: dict[str, Atom | None] = {}
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
@@ -108,6 +112,7 @@ class Weaver:
             self._visit(atom)
         while self._pending:
             atom, complete = self._pending.pop(0)
+            self._visit(atom)
             for needed in self._all_inputs(atom):
                 self._visit(needed)
             try:
@@ -184,9 +189,17 @@ class Weaver:
             self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
             return []
         found = [source.atom for source in sources if source is not None and not self._ahead(source)]
-        if atom.kind in ("Held", "Control", "DataStoreWrite") or self._resets(atom):
+        if atom.kind in ("Held", "Control", "Pass", "DataStoreWrite") or self._resets(atom):
             found += [atom.control] if atom.control is not None else []
+        if atom.earlier is not None:
+            found += self._written_by(atom.earlier)
         return [*found, *(self.stores.before(atom) if atom.store is not None else ())]
+
+    def _written_by(self, atom: Atom) -> list[Atom]:
+        """What has to be there so that the next pass can read the memory of a block."""
+        site = self.site(atom)
+        remembers = atom in self._values and (site.memories or site.before)
+        return [atom, *self._all_inputs(atom)] if remembers else [atom]
 
     # blocks
 
@@ -222,7 +235,7 @@ class Weaver:
         if atom in self.failures:
             return self._unsound(atom)
         if kind is None:
-            self._fail(atom, *unknown(atom))
+            self._fail(atom, *unknown(atom), atom.undefined)
             self._pending.append((atom, lambda: None))  # what stands before it is looked at all the same
             return self._unsound(atom)
         if any(not wired.sound for wired in self._arriving(atom)):
@@ -258,6 +271,17 @@ class Weaver:
     def unsettled(self, atom: Atom) -> None:
         """Note that sizes and sample times in feedback do not come to an end."""
         self._fail(atom, "the sizes or sample times of the signals that are fed back before it do not settle")
+
+    def counted(self, path: str, count: int) -> None:
+        """Note how many passes a subsystem needs, as one of its inputs says."""
+        if self.counts.setdefault(path, count) != count:
+            raise UnsupportedError(f"its inputs ask for {self.counts[path]} and for {count} passes")
+
+    def uncounted(self, paths: Collection[str]) -> None:
+        """Note that subsystems have another number of passes than their inputs ask for."""
+        for atom in self.flat.atoms:
+            if atom.kind in LOOPS and joined(*split(atom.path)[:-1]) in paths:
+                self._fail(atom, "its inputs and its parameters ask for different numbers of passes")
 
     def _nan(self) -> Signal:
         return Signal(np.array([self.loom.const(float("nan"))], dtype=np.int64), CONSTANT, sound=False)
@@ -321,13 +345,15 @@ class Weaver:
             return wired
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
-        return self._held(wired, rate)
+        return self._held(atom, wired, rate)
 
-    def _held(self, wired: Signal, rate: Rate) -> Signal:
+    def _held(self, atom: Atom, wired: Signal, rate: Rate) -> Signal:
         wired = self.at_major(wired)
         hit = self.clock.hit(self.loom, rate)
         if hit is None:
             return replace(wired, period=rate.period)
+        if atom.passes:
+            self._fail(atom, "it has a sample time of its own in a subsystem that runs several times in a step")
         made = []
         for node in wired.flat:
             before = self.loom.state()
@@ -362,12 +388,15 @@ class Weaver:
             return None
         found = self.value(Source(atom.control, 0))
         node = int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
-        return None if node is None or self.loom.value(node) == 1 else node
+        always = node is not None and self.loom.value(node) == 1 and not atom.repeats
+        return None if always else node
 
     def restart(self, atom: Atom) -> int | None:
         """The node that says whether the memory of a block begins anew; None where it never does."""
         if atom.control is None or not self._resets(atom):
             return None
+        if any(number > 1 for number in atom.passes[len(atom.control.passes) :]):
+            return None  # only the first pass of a step does
         found = self.value(Source(atom.control, 1))
         return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
 
@@ -402,18 +431,44 @@ class Weaver:
 
     def always_later(self, site: Site, init: Signal, x: Callable[[], Signal]) -> Signal:
         """As `always`, of a signal that is made later."""
-        states = [self.loom.state() for _ in range(init.size)]
+        site.before += 1
+        key, first = (site.atom, STATE - site.before), init.nodes
+        read = self._read(key, first, 1)
+        self._writes[key] = lambda: self.at_major(x()).nodes
+        return Signal(read, CONTINUOUS)
 
-        def complete() -> None:
-            nodes = self.at_major(x()).nodes.ravel()
-            for state, first, node in zip(states, init.nodes.ravel(), nodes, strict=True):
-                self.loom.close(state, int(first), int(node))
+    # memory of several passes within a step
 
-        self._pending.append((site.atom, complete))
-        return Signal(np.array(states, dtype=np.int64).reshape(init.shape), CONTINUOUS)
+    def _read(self, key: tuple[Atom, int], first: Nodes, latency: int) -> Nodes:
+        """What a memory holds when its block is built: what the step before has left, or the pass before."""
+        atom, number = key
+        if atom.earlier is not None:
+            found = self._after((atom.earlier, number))
+            return resized(found, first.shape)
+        if atom.begins:
+            return first
+        states = self._states(key, first, latency)
+        self._pending.append((atom.last, lambda: self._kept((atom.last, number), states, first)))
+        return np.array(states, dtype=np.int64).reshape(first.shape)
+
+    def _after(self, key: tuple[Atom, int]) -> Nodes:
+        """What a memory holds after its block has run."""
+        if key not in self._written:
+            if key not in self._writes:
+                raise UnsupportedError("its pass before could not be built")
+            self._written[key] = self._writes[key]()
+        return self._written[key]
+
+    def _kept(self, key: tuple[Atom, int], states: Sequence[int], first: Nodes) -> None:
+        """Close a memory with what the last pass leaves in it."""
+        new = self._after(key) if key in self._writes else first
+        for state, init, node in zip(states, first.ravel(), new.ravel(), strict=True):
+            self.loom.close(state, int(init), int(node))
 
     def stored(self, memory: Atom, init: Signal) -> Signal:
         """What a data store holds at the beginning of the step; its writers are built for the end of it."""
+        if memory.passes:
+            raise UnsupportedError("its memory is in a subsystem that runs several times in a step")
         if memory not in self._stored:
             key = (memory, 1)
             shape = self.guesses.shapes.get(key, init.shape)
@@ -459,7 +514,7 @@ class Weaver:
         """Whether a block's memory is written in every step of the model."""
         rate = self.rate(atom) or Rate(self.guessed_period(atom))
         every = rate.period in (CONTINUOUS, CONSTANT) or self.clock.hit(self.loom, rate) is None
-        return atom.control is None and every
+        return atom.control is None and every and not atom.repeats and not atom.begins
 
     def hits(self, period: float) -> Signal:
         """1 at the hits of a sample time."""
@@ -474,6 +529,9 @@ class Weaver:
 
     def _state_port(self, atom: Atom) -> Signal:
         """The state of a block as the step begins; the block itself, which a reset may change, is built later."""
+        if atom.passes:
+            self._fail(atom, "its state port is read in a subsystem that runs several times in a step")
+            return self._nan()
         if atom not in self._shown:
             if atom not in self._ports:
                 shape = self.guesses.shapes.get((atom, STATE), (1,))
@@ -481,7 +539,7 @@ class Weaver:
             rate = self.rate(atom) or Rate(self.guessed_period(atom))
             port = Signal(self._ports[atom], rate.period)
             slow = atom.kind == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
-            self._shown[atom] = self._held(port, rate) if slow else port
+            self._shown[atom] = self._held(atom, port, rate) if slow else port
             self._pending.append((atom, lambda: self._visit(atom)))
         return self._shown[atom]
 
@@ -520,21 +578,16 @@ class Weaver:
 
     def remember(self, site: Site, number: int, init: Signal, then: Callable[[Signal], Signal], latency: int) -> Signal:
         """A memory of a block that is read now and written at the end of the step."""
-        atom, key = site.atom, (site.atom, number)
+        atom, key = site.atom, (site.atom.first, number)
         shape = self._shape(key, init)
         try:
             first = resized(init.nodes, shape)
         except ValueError:
-            shape, first = init.shape, init.nodes
-        states = self._states(key, first, latency)
+            first = init.nodes
         period = site.period()
-        read = Signal(np.array(states, dtype=np.int64).reshape(shape), period if period else CONTINUOUS)
+        read = Signal(self._read((atom, number), first, latency), period if period else CONTINUOUS)
         seen = self._restarted(atom, read, first)
-
-        def complete() -> None:
-            self._close(site, key, states, first, seen, then)
-
-        self._pending.append((atom, complete))
+        self._writes[atom, number] = lambda: self._new(site, key, seen, then)
         return replace(seen, period=period or CONTINUOUS)
 
     def _restarted(self, atom: Atom, read: Signal, first: Nodes) -> Signal:
@@ -545,15 +598,8 @@ class Weaver:
         runs = np.array([begins], dtype=np.int64)
         return replace(read, nodes=each(self.loom, "select", runs, first, read.nodes))
 
-    def _close(
-        self,
-        site: Site,
-        key: tuple[Atom, int],
-        states: Sequence[int],
-        first: Nodes,
-        seen: Signal,
-        then: Callable[[Signal], Signal],
-    ) -> None:
+    def _new(self, site: Site, key: tuple[Atom, int], seen: Signal, then: Callable[[Signal], Signal]) -> Nodes:
+        """What a block leaves in its memory, which it has seen as it was."""
         new = seen
         try:
             if all(wired.sound for wired in self._arriving(site.atom)):
@@ -569,9 +615,9 @@ class Weaver:
                 self.guesses.shape(key, new.shape)
                 new = seen
         gate = self.gate(site.atom, site.period())
-        for state, init, node, old in zip(states, first.ravel(), new.nodes.ravel(), seen.nodes.ravel(), strict=True):
-            kept = int(node) if gate is None else self.loom.call("select", gate, int(node), int(old))
-            self.loom.close(state, int(init), kept)
+        if gate is None:
+            return new.nodes
+        return each(self.loom, "select", np.array([gate], dtype=np.int64), new.nodes, seen.nodes)
 
     def _inherited(self, site: Site) -> float:
         """The sample time of a block's inputs."""
@@ -588,6 +634,8 @@ class Weaver:
         limits: tuple[Signal, Signal] | None,
     ) -> Signal:
         """A continuous state as it is now: the solver advances it at the end of the step."""
+        if site.atom.passes:
+            raise UnsupportedError("it is integrated over time in a subsystem that runs several times in a step")
         key = (site.atom, number)
         shape = self._shape(key, init)
         first = resized(init.nodes, shape) if init.size in (1, int(np.prod(shape))) else init.nodes

@@ -77,6 +77,7 @@ _CONSTANTS: Final = {
     "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),
 }  # fmt: skip
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
+_ASKING: Final = ("get_param", "eval", "str2num", "str2double")
 _LONGEST: Final = 1_000_000  # elements of an array that an expression makes
 _CASTS: Final = [
     "double",
@@ -188,7 +189,7 @@ class Expressions:
         if found is None:
             return None
         if isinstance(found, Variable):
-            return found.value
+            return _shown(found, scope) if name == "gcb" else found.value
         if isinstance(found, Coded):
             return self._coded(found)
         if not found.evaluated:
@@ -215,7 +216,7 @@ class Expressions:
         if isinstance(found, Coded):
             return self.constant(self._coded(found))
         if isinstance(found, Variable):
-            return self.variable(name, found, live)
+            return self.constant(_shown(found, scope)) if name == "gcb" else self.variable(name, found, live)
         if name in _CONSTANTS:
             return np.array([[self.loom.const(_CONSTANTS[name])]], dtype=np.int64)
         raise NoValueError(f"{name} is defined nowhere", name)
@@ -253,6 +254,13 @@ class Expressions:
         if isinstance(found.value, np.ndarray) and live and not found.fixed:
             return self.declared.array(self.loom, name, found)
         return self.constant(found.value)
+
+
+def _shown(found: Variable, scope: Scope) -> Value:
+    """What a block says of itself: what the dialogs of the masks around it show."""
+    if not (found.fixed and isinstance(found.value, Mapping)):
+        return found.value
+    return {**found.value, **scope.shown()}
 
 
 class _Walk:
@@ -365,20 +373,39 @@ class _Walk:
             tree = m.Field(tree, name)
         return _Walk(self.of, found.outside, self.live, {}).value(tree)
 
+    def _asked(self, name: str, arguments: tuple[m.Expression, ...]) -> Held:
+        """A text that the model says of itself, or what a text means."""
+        if name != "get_param":
+            text = self.value(arguments[0]) if len(arguments) == 1 else None
+            if not isinstance(text, str):
+                raise NoValueError(f"{name} is only followed for one text")
+            return self.of.held(text, self.scope, self.live)
+        holder, key = map(self.value, arguments) if len(arguments) == 2 else ({}, "")
+        said = holder.get(key) if isinstance(holder, Mapping) and isinstance(key, str) else None
+        if not isinstance(said, str):
+            raise NoValueError(f"get_param asks for {str(key)[:40] or 'nothing'}, which only Simulink can tell")
+        return said
+
     def _call(self, tree: m.Call) -> Held:
+        if tree.of == m.Name("bdroot"):
+            return self.value(tree.of)
         if isinstance(tree.of, m.Name) and len(tree.arguments) == 1 and self._is_enumeration(tree.of.name):
             return self.nodes(tree.arguments[0])
         if not isinstance(tree.of, m.Name) or self._is_array(tree.of.name):
             return self._index(self.nodes(tree.of), tree)
         name = tree.of.name
+        if name in _ASKING:
+            return self._asked(name, tree.arguments)
         if name in ("numel", "length") and len(tree.arguments) == 1:
             array = self.nodes(tree.arguments[0])
             size = array.size if name == "numel" or not array.size else max(array.shape)
             return np.array([[self.loom.const(float(size))]], dtype=np.int64)
         if name in _SHAPES:
             return self._shaped(name, tree.arguments)
-        if any(isinstance(argument, m.Text) for argument in tree.arguments):
-            raise _BeyondGraphError(f"the function {name} takes a text")
+        if name not in _KNOWN:
+            for argument in tree.arguments:  # a variable without a value is told by its name
+                self.value(argument)
+            raise _BeyondGraphError(f"the function {name} is for numbers")
         args = [self.nodes(argument) for argument in tree.arguments]
         made = _function(self.loom, name, args)
         if made is None:
@@ -533,3 +560,5 @@ _MORE: Final[Mapping[str, tuple[int, Callable[..., Nodes]]]] = {
     "square": (1, lambda loom, x: each(loom, "mul", x, x)),
     "reciprocal": (1, lambda loom, x: each(loom, "div", np.array([[loom.const(1.0)]]), x)),
 }
+
+_KNOWN: Final = frozenset({*_PLAIN, *_MORE, *_CASTS, "min", "max", "sum", "prod"})

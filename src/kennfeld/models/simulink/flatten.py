@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.expressions import NoValueError
+from kennfeld.models.simulink.iteration import Plan, element_scope, iterator_of, planned
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
-from kennfeld.models.simulink.variants import Choosing, is_variant, labels_of, member, said, with_choice
+from kennfeld.models.simulink.variants import active, is_variant, labels_of, member, said, with_choice
 
 __all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
 
@@ -23,7 +24,6 @@ SHOWING = ("Scope", "Display", "ToFile", "XYGraph")
 
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 _NESTED = ("SubSystem", "ModelReference")
-_LOOPS = ("ForIterator", "WhileIterator", "ForEach")
 _MOST = 100_000  # blocks, all instances of libraries counted
 
 
@@ -42,7 +42,11 @@ class Atom:
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
     around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
     blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name.
+    block reads or writes by its name. `why` says why it cannot be built, `undefined` which variable has no value then.
+
+    In a subsystem that runs several times in a step, `passes` are the passes that it belongs to, of each such subsystem
+    around it; `earlier` and `later` are the same block one pass before and behind. `begins` is set in a first pass
+    whose memories begin anew in each step, `element` in a For Each subsystem, `hidden` where another one stands for it.
     """
 
     kind: str
@@ -55,8 +59,36 @@ class Atom:
     taken: dict[int, str] = field(default_factory=dict)
     special: dict[str, Block] = field(default_factory=dict)
     why: str = ""
+    undefined: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
     store: "Atom | None" = None
+    passes: tuple[int, ...] = ()
+    element: int = 0
+    earlier: "Atom | None" = None
+    later: "Atom | None" = None
+    begins: bool = False
+    hidden: bool = False
+
+    @property
+    def repeats(self) -> bool:
+        """Whether it is one of several passes."""
+        return self.earlier is not None or self.later is not None
+
+    @property
+    def first(self) -> "Atom":
+        """The same block in the first pass."""
+        here = self
+        while here.earlier is not None:
+            here = here.earlier
+        return here
+
+    @property
+    def last(self) -> "Atom":
+        """The same block in the last pass."""
+        here = self
+        while here.later is not None:
+            here = here.later
+        return here
 
     def __repr__(self) -> str:
         return f"<{self.kind} {self.path}>"
@@ -66,13 +98,14 @@ class Atom:
 class Flat:
     """All blocks of what is imported; `inports` and `outports` in the order of their ports.
 
-    `chosen` says which variants are active.
+    `chosen` says which variants are active, `counts` are the passes of subsystems by their paths.
     """
 
     atoms: list[Atom]
     inports: list[Atom]
     outports: list[Atom]
     chosen: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
 
     @property
     def recorded(self) -> list[Atom]:
@@ -95,7 +128,10 @@ class Level:
         self.control = control
         self.parent: Level | None = None
         self.holder: Block | None = None
-        self.passes = False
+        self.variant = False
+        self.passes: tuple[int, ...] = ()
+        self.element = 0
+        self.repeated: Plan | None = None
         self.places: tuple[tuple[str, int | None], ...] = ()
         self.below: dict[str, Level] = {}
         self.atoms: dict[str, Atom] = {}
@@ -116,6 +152,13 @@ class Level:
                 if line.source.port == "out":
                     self.named.setdefault(line.source.block, {})[line.source.number - 1] = line.name
 
+    def within(self, parent: "Level | None", holder: Block | None) -> None:
+        """Put it into another level, as the content of one of its blocks."""
+        self.parent, self.holder = parent, holder
+        if parent is not None and holder is not None:
+            self.places = (*parent.places, (holder.sid, _priority(holder)))
+            self.passes, self.element = parent.passes, parent.element
+
     def port(self, kind: str, number: int) -> Block | None:
         """The Inport or Outport block of a number."""
         return next((b for b in self.system.of(kind) if _number(b) == number), None)
@@ -133,52 +176,50 @@ def flatten(
     opaque: frozenset[str] = frozenset(),
     models: Mapping[str, Scope] | None = None,
     known: frozenset[str] = frozenset(),
+    counts: Mapping[str, int] | None = None,
 ) -> Flat:
     """The blocks of a system and of all below it.
 
     `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
     blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
     `known` are all types of blocks; a link to Simulink's own library of a type that is not among them goes by the name
-    that the block has there.
+    that the block has there. `counts` are the passes that subsystems were found to need, by path.
     """
-    work = _Flattening(cuts, opaque, models or {}, known)
+    work = _Flattening(cuts, opaque, models or {}, known, counts or {})
     system = in_use(system)
-    root = work.level(system, (), scope, None, None, None)
+    root = work.level(Level(system, (), scope, None))
     work.connect()
     ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
     inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
-    return Flat(work.atoms, inports, outports, work.chosen)
+    return Flat(work.atoms, inports, outports, work.chosen, work.built)
 
 
 class _Flattening:
     def __init__(
-        self, cuts: Mapping[str, str], opaque: frozenset[str], models: Mapping[str, Scope], known: frozenset[str]
+        self,
+        cuts: Mapping[str, str],
+        opaque: frozenset[str],
+        models: Mapping[str, Scope],
+        known: frozenset[str],
+        counts: Mapping[str, int],
     ) -> None:
         self.models = models
         self.known = known
+        self.counts = counts
+        self.joints: list[tuple[Atom, list[tuple[Level, Endpoint] | Source]]] = []
         self.cuts = cuts
         self.opaque = opaque
         self.atoms: list[Atom] = []
         self.levels: list[Level] = []
         self.chosen: list[str] = []
-        self.choosing = Choosing()
+        self.built: dict[str, int] = {}
         self.gotos: dict[str, list[tuple[Level, Block]]] = {}
 
-    def level(
-        self,
-        system: System,
-        path: tuple[str, ...],
-        scope: Scope,
-        control: Atom | None,
-        parent: Level | None,
-        holder: Block | None,
-    ) -> Level:
-        made = Level(system, path, scope, control)
-        made.parent, made.holder = parent, holder
-        if parent is not None and holder is not None:
-            made.places = (*parent.places, (holder.sid, _priority(holder)))
+    def level(self, made: Level, parent: Level | None = None, holder: Block | None = None) -> Level:
+        """Place the blocks of a level within another one."""
+        made.within(parent, holder)
         self.levels.append(made)
-        for block in system.blocks:
+        for block in made.system.blocks:
             self._place(made, block)
         return made
 
@@ -192,14 +233,12 @@ class _Flattening:
             self._enter(level, block, block.system)
         elif block.type == "Goto":
             self.gotos.setdefault((block.value("GotoTag") or "A").strip(), []).append((level, block))
-        elif (
-            block.type in ("From", "GotoTagVisibility")
-            or block.type in _SPECIAL
-            or (block.type == "Inport" and level.parent is not None)
-        ):
+        elif block.type == "Inport" and level.parent is not None:
+            self._inport(level, block)
+        elif block.type in ("From", "GotoTagVisibility") or block.type in _SPECIAL:
             pass
         elif block.type == "Outport" and level.parent is not None:
-            if level.control is not None and level.control.block is level.holder:
+            if level.control is not None and level.control.block is level.holder and level.repeated is None:
                 self._atom(level, block, "Held")
         else:
             closed = block.type in _NESTED and block.system is not None
@@ -210,13 +249,13 @@ class _Flattening:
         labels = labels_of(block)
         scope = level.scope.within(block)
         try:
-            at = self.choosing.active(block, labels, scope)
+            at = active(block, labels, scope)
             if block.type == "SubSystem":
                 choice = member(block, at) if at is not None else None
                 self._enter(level, block, with_choice(block, choice))
-                level.below[block.sid].passes = True
+                level.below[block.sid].variant = True
         except NoValueError as error:
-            self._atom(level, block, block.type, f"a block of variants, and {error}")
+            self._atom(level, block, block.type, f"a block of variants, and {error}").undefined = error.undefined
             return
         if block.type != "SubSystem":
             self._passed(level, block, at)
@@ -238,27 +277,115 @@ class _Flattening:
             return f"a {chart if chart != 'NONE' else 'Chart'}"
         if block.mask is not None and block.mask.type in self.opaque:
             return block.mask.type
-        loop = next(block.system.of(*_LOOPS), None)
-        return f"a subsystem that runs several times in a step ({loop.type})" if loop is not None else ""
+        return ""
 
     def _enter(self, level: Level, block: Block, system: System) -> None:
         system = in_use(system)
+        path = (*level.path, block.name)
+        scope = level.scope.within(block) if block.type == "SubSystem" else self.models.get(block.model, level.scope)
+        iterator = iterator_of(system)
+        try:
+            plan = planned(iterator, block, path, scope, self.counts) if iterator is not None else None
+        except NoValueError as error:
+            why = f"a subsystem that runs several times in a step, and {error}"
+            self._atom(level, block, block.type, why).undefined = error.undefined
+            return
         special = {_SPECIAL[b.type]: b for b in system.of(*_SPECIAL)}
         control = level.control
         if special:
             control = self._atom(level, block, "Control")
             control.special = special
-        path = (*level.path, block.name)
-        scope = level.scope.within(block) if block.type == "SubSystem" else self.models.get(block.model, level.scope)
-        level.below[block.sid] = self.level(system, path, scope, control, level, block)
+        made = Level(system, path, scope, control)
+        if plan is None:
+            level.below[block.sid] = self.level(made, level, block)
+        else:
+            made.within(level, block)
+            level.below[block.sid] = made
+            self._repeat(level, made, plan)
+
+    # several passes
+
+    def _repeat(self, level: Level, face: Level, plan: Plan) -> None:
+        """Place the blocks of a subsystem once for each pass; `face` is what is seen of it from outside."""
+        assert face.holder is not None
+        self.built[joined(*face.path)] = plan.count
+        made: list[Level] = []
+        passing: list[Atom] = []
+        before: list[Atom] = []
+        for number in range(1, plan.count + 1):
+            start = len(self.atoms)
+            inner = self._pass(level, face, plan, number, made, passing)
+            made.append(inner)
+            atoms = self.atoms[start:]
+            (_beside if plan.each else _behind)(before, atoms)
+            if number == 1 and plan.reset and not plan.each:
+                _begin(atoms)
+            before = atoms
+        for outport in face.system.of("Outport"):
+            self._result(face, outport, plan, made, passing)
+
+    def _pass(
+        self, level: Level, face: Level, plan: Plan, number: int, made: list[Level], passing: list[Atom]
+    ) -> Level:
+        """One pass, or one element."""
+        assert face.holder is not None
+        scope = element_scope(plan.block, face.holder, face.scope, number) if plan.each else face.scope
+        inner = Level(face.system, face.path, scope, face.control)
+        inner.within(level, face.holder)
+        inner.repeated = plan
+        inner.element = number if plan.each else level.element
+        inner.passes = level.passes if plan.each else (*level.passes, number)
+        inner.places = (*inner.places, (f"{face.holder.sid}:{number}", number))
+        if plan.decides:
+            passing.append(self._decision(inner, plan, made))
+            inner.control = passing[-1]
+        self.levels.append(inner)
+        for block in inner.system.blocks:
+            self._place(inner, block)
+        return inner
+
+    def _decision(self, inner: Level, plan: Plan, made: list[Level]) -> Atom:
+        """What says whether a pass takes place: the condition of the pass before, for the first one that to begin."""
+        found = self._atom(inner, plan.block, "Pass")
+        condition = Endpoint(plan.block.sid, "in", 1 if made else 2)
+        if made or plan.asks_first:
+            self.joints.append((found, [(made[-1] if made else inner, condition)]))
+        return found
+
+    def _result(self, face: Level, outport: Block, plan: Plan, made: list[Level], passing: list[Atom]) -> None:
+        """An output: that of the last pass that took place, or of all elements side by side."""
+        found = self._atom(face, outport, "Joined" if plan.each else "Iterated")
+        found.special = {"each": plan.block} if plan.each else {}
+        end = Endpoint(outport.sid, "in")
+        ends: list[tuple[Level, Endpoint] | Source] = [(inner, end) for inner in (made if plan.each else made[-1:])]
+        if plan.decides:
+            ends = [one for inner, say in zip(made, passing, strict=True) for one in ((inner, end), Source(say, 0))]
+        self.joints.append((found, ends))
+        if face.control is not None and face.control.block is face.holder:
+            held = self._atom(face, outport, "Held")
+            held.inputs = [Source(found, 0)]
+
+    def _inport(self, level: Level, block: Block) -> None:
+        """An inport within a subsystem is but a wire, unless each element gets a part of the signal."""
+        plan = level.repeated
+        number = _number(block)
+        on = plan.block.listed("InputPartition") if plan is not None else ()
+        if plan is None or not plan.each or (number <= len(on) and on[number - 1] == "off"):
+            return
+        assert level.parent is not None
+        assert level.holder is not None
+        found = self._atom(level, block, "Part")
+        found.special = {"each": plan.block}
+        self.joints.append((found, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
 
     def _atom(self, level: Level, block: Block, kind: str, why: str = "") -> Atom:
         made = Atom(kind, block, joined(*level.path, block.name), level.scope, level.control, why=why)
+        made.passes, made.element = level.passes, level.element
         self.atoms.append(made)
         if kind != "Control":
             level.atoms[block.sid] = made
         if len(self.atoms) > _MOST:
-            raise OverflowError(f"it has more than {_MOST} blocks, all instances of libraries counted")
+            raise OverflowError(f"it has more than {_MOST} blocks, all instances of libraries and all passes counted")
         made.places = (*level.places, (block.sid, _priority(block)))
         return made
 
@@ -267,7 +394,7 @@ class _Flattening:
         for level in self.levels:
             for block in level.system.of("From"):
                 if self._goto(level, (block.value("GotoTag") or "A").strip()) is None:
-                    self._atom(level, block, "From")
+                    self._atom(level, block, "From").hidden = level.element > 1 or max(level.passes, default=1) > 1
         for level in self.levels:
             for sid, atom in level.atoms.items():
                 self._inputs(level, sid, atom)
@@ -278,9 +405,12 @@ class _Flattening:
                 if control is not None and control.block is below.holder:
                     control.inputs = [self._controlling(level, sid, port) for port in control.special]
 
+        for atom, ends in self.joints:
+            atom.inputs = [end if isinstance(end, Source) else self.source(*end) for end in ends]
+
     def _controlling(self, level: Level, sid: str, port: str) -> Source | None:
         """The source at a special port; that of a variant is at the subsystem around it."""
-        while level.passes:
+        while level.variant:
             assert level.parent is not None
             assert level.holder is not None
             sid, level = level.holder.sid, level.parent
@@ -421,6 +551,29 @@ def member_names(labels: Sequence[str], stated: str) -> list[str]:
         name = label or (listed[at] if at < len(listed) else "") or f"signal{at + 1}"
         names.append(f"{name}{at + 1}" if name in names else name)
     return names
+
+
+def _behind(before: list[Atom], atoms: list[Atom]) -> None:
+    """Note which block of a pass is which one of the pass before; those that begin anew have none before them."""
+    heads = [(one.last, other) for one, other in zip(before, atoms, strict=False) if other.earlier is None]
+    for last, other in heads:
+        if not other.begins:
+            last.later, other.earlier = other, last
+    for one in before:
+        one.hidden = True
+
+
+def _beside(before: list[Atom], atoms: list[Atom]) -> None:
+    """Note that the blocks of an element stand for those of the others."""
+    for atom in atoms if before else ():
+        atom.hidden = True
+
+
+def _begin(atoms: list[Atom]) -> None:
+    """Note that the memories of a first pass begin anew in each step."""
+    for atom in atoms:
+        if atom.earlier is None:
+            atom.begins = True
 
 
 def controls(atom: Atom) -> Iterator[Atom]:

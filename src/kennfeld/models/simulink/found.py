@@ -6,17 +6,19 @@ import numpy as np
 
 from kennfeld.errors import Finding
 from kennfeld.models.simulink.scopes import Value, Variable
+from kennfeld.models.simulink.tree import Solver
 
 __all__ = ["Variables", "same"]
 
 
 class Variables(dict[str, Variable]):
-    """Variables by name, with what was noticed while they were read."""
+    """Variables by name, with what was noticed while they were read; `solvers` are configurations, by name as well."""
 
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
         self.undefined: dict[str, str] = {}
+        self.solvers: dict[str, Solver] = {}
 
 
 def same(one: Value, other: Value) -> bool:

@@ -15,7 +15,8 @@ from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
-from kennfeld.models.simulink.build import Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -24,7 +25,7 @@ from kennfeld.models.simulink.libraries import Libraries
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
-from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
 from kennfeld.models.simulink.tree import Block, Document, System, split
 from kennfeld.models.simulink.variables import Given, Variables, variables_of
@@ -33,6 +34,8 @@ from kennfeld.models.simulink.variants import content
 __all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_MOST_ATTEMPTS = 20  # to count passes within passes
+_MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 _CONTINUOUS = {
     "Integrator",
     "PID 1dof",
@@ -90,7 +93,7 @@ def import_simulink(
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
     cuts = _cuts(opened.path, bind or {}, prefix)
-    return Work(opened, opened.flat(system, scope, cuts), cuts, frozenset(promote), step).imported()
+    return Work(opened, system, scope, cuts, frozenset(promote), step).imported()
 
 
 @dataclass(frozen=True)
@@ -109,8 +112,9 @@ class Opened:
         resolved = Libraries(folders).resolve(read_document(path))
         document = resolved.document
         variables = variables_of(document, parameters)
-        models = {name: Scope({**variables, **variables_of(one, ())}) for name, one in resolved.models.items()}
+        models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
         remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        variables.update(asked(document, variables))
         return Opened(Path(path), document, variables, models, remarks)
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
@@ -134,12 +138,24 @@ class Opened:
         except NoValueError as error:
             raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
 
-    def flat(self, system: System, scope: Scope, cuts: Mapping[str, str] = MappingProxyType({})) -> Flat:
+    def flat(
+        self,
+        system: System,
+        scope: Scope,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        counts: Mapping[str, int] = MappingProxyType({}),
+    ) -> Flat:
         """The blocks of one of its systems; raises `InputError` where there are too many."""
         try:
-            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS))
+            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS), counts)
         except OverflowError as error:
             raise InputError.of(self.path.name, str(error)) from None
+
+
+def _seen(document: Document, around: Variables) -> dict[str, Variable]:
+    """The names that a referenced model sees: its own, then those of the model around it."""
+    own = variables_of(document, ())
+    return {**around, **own, **asked(document, own)}
 
 
 def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
@@ -162,23 +178,31 @@ class Work:
     def __init__(
         self,
         opened: Opened,
-        flat: Flat,
+        system: System,
+        scope: Scope,
         cuts: Mapping[str, str] = MappingProxyType({}),
         promote: frozenset[str] = frozenset(),
         step: float | None = None,
     ) -> None:
         self.path, self.document, self.variables = opened.path, opened.document, opened.variables
-        self.flat, self.cuts, self.promote = flat, cuts, promote
+        self.cuts, self.promote = cuts, promote
+        self._opened, self._system, self._scope = opened, system, scope
+        self.flat = self._flat({})
         self.remarks = list(opened.remarks)
         self.substitutions: list[str] = []
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
+        self.settings, lost = settings_of(self.document, self.variables)
+        self.substitutions += [lost] if lost else []
         self.solver, self.clock = self._solver()
         if step is not None:
             if not 0 < step < math.inf:
                 raise ArgumentError(f"step={step!r} must be a time in s above 0")
             self.substitutions.append(f"the step is {step:g} s, as asked for")
             self.clock.step = step
+
+    def _flat(self, counts: Mapping[str, int]) -> Flat:
+        return self._opened.flat(self._system, self._scope, self.cuts, counts)
 
     def _check_cuts(self) -> None:
         paths = {atom.path for atom in self.flat.atoms}
@@ -193,7 +217,7 @@ class Work:
 
     def _solver(self) -> tuple[str, Clock]:
         """The solver, and the steps of the model."""
-        given = self.document.solver
+        given = self.settings
         continuous = any(atom.kind in _CONTINUOUS for atom in self.flat.atoms)
         periods = self._periods()
         name = given.name
@@ -212,14 +236,14 @@ class Work:
         return solver, Clock(step, continuous)
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
-        text = self.document.solver.fixed_step.strip()
+        text = self.settings.fixed_step.strip()
         stated = self._number(text) if text not in ("", "auto") else None
         if stated is not None and stated > 0:
             return stated
         common = common_step(periods)
         if common is not None or not continuous:
             return common
-        start, stop = (self._number(text) for text in (self.document.solver.start, self.document.solver.stop))
+        start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
         return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
 
     def _number(self, text: str) -> float | None:
@@ -255,6 +279,20 @@ class Work:
         return Imported(self._model(weaver) if report.whole else None, report)
 
     def woven(self) -> Weaver:
+        """The blocks as a graph; passes whose number depends on signals are counted in a first attempt."""
+        for _ in range(_MOST_ATTEMPTS):
+            weaver = self._attempt()
+            wrong = {path for path, count in weaver.counts.items() if self.flat.counts.get(path) != count}
+            if not wrong:
+                break
+            built = self.flat.counts
+            self.flat = self._flat({**built, **weaver.counts})
+            if self.flat.counts == built:
+                weaver.uncounted(wrong)
+                break
+        return weaver
+
+    def _attempt(self) -> Weaver:
         """The blocks as a graph, with what is recorded where that can be built as well."""
         flat = self.flat
         weaver = self._woven(flat.results)
@@ -304,10 +342,12 @@ class Work:
 
     def report(self, weaver: Weaver) -> ImportReport:
         """What became of the blocks."""
-        atoms = [atom for atom in self.flat.atoms if atom.kind not in ("Control", "Held")]
+        atoms = [atom for atom in self.flat.atoms if atom.kind not in _MADE and not atom.hidden]
+        failures: dict[str, Failure] = {}
+        for failure in weaver.failures.values():  # that of one pass stands for those of all
+            failures.setdefault(failure.atom.path, failure)
         unsupported = [
-            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined)
-            for f in weaver.failures.values()
+            Unsupported(f.atom.path, f.atom.block.type, f.why, f.mend, True, f.undefined) for f in failures.values()
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
@@ -316,7 +356,7 @@ class Work:
             if atom.kind not in KINDS and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
-        undecided = [f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided]
+        undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []

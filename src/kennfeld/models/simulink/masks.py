@@ -49,12 +49,21 @@ def _parameter(section: Section) -> MaskParameter:
         section.get("Type", "edit"),
         section.get("Evaluate", "on") != "off",
         section.get("Prompt"),
+        _options(section),
     )
+
+
+def _options(section: Section) -> tuple[str, ...]:
+    """The choices of a popup: a list of its own, or an array."""
+    arrays = (part for part in section.all("Array") if part.keys.get("PropName") == "TypeOptions")
+    found = section.first("TypeOptions") or next(arrays, None)
+    return tuple(part.text.strip() for part in found.parts) if found is not None else ()
 
 
 def _flat(block: Section) -> Mask:
     keys = block.keys
-    values, styles = _split(keys.get("MaskValueString", "")), _styles(keys.get("MaskStyleString", ""))
+    values = _split(keys.get("MaskValueString", ""))
+    styles, choices = _styles(keys.get("MaskStyleString", ""))
     prompts = _split(keys.get("MaskPromptString", ""))
     parameters = []
     for variable in keys.get("MaskVariables", "").split(";"):
@@ -63,7 +72,14 @@ def _flat(block: Section) -> Mask:
             continue
         at = int(found[3][:6]) - 1
         parameters.append(
-            MaskParameter(found[1], _at(values, at), _at(styles, at) or "edit", found[2] == "@", _at(prompts, at))
+            MaskParameter(
+                found[1],
+                _at(values, at),
+                _at(styles, at) or "edit",
+                found[2] == "@",
+                _at(prompts, at),
+                tuple(_split(_at(choices, at))) if _at(choices, at) else (),
+            )
         )
     return Mask(keys.get("MaskType", ""), tuple(parameters), keys.get("MaskInitialization", ""))
 
@@ -72,9 +88,21 @@ def _split(text: str) -> list[str]:
     return [value.replace("\\|", "|") for value in _BAR.split(text)]
 
 
-def _styles(text: str) -> list[str]:
-    """The kinds of the dialog's fields; the choices of a popup, in brackets, are left out."""
-    return re.sub(r"\([^()]*\)", "", text).split(",")
+def _styles(text: str) -> tuple[list[str], list[str]]:
+    """The kinds of the dialog's fields, and the choices of a popup, which stand in brackets behind its kind.
+
+    >>> _styles("edit,popup(slow|fast),checkbox")
+    (['edit', 'popup', 'checkbox'], ['', 'slow|fast', ''])
+    """
+    fields, depth = [""], 0
+    for character in text:
+        depth += (character == "(") - (character == ")")
+        if character == "," and depth == 0:
+            fields.append("")
+        else:
+            fields[-1] += character
+    parts = [field.partition("(") for field in fields]
+    return [kind.strip() for kind, _, _ in parts], [rest.removesuffix(")") for _, _, rest in parts]
 
 
 def _at(texts: list[str], at: int) -> str:

@@ -33,7 +33,9 @@ class Names:
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""
         skipped = {"Outport", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector"}
-        rest = [atom for atom in flat.atoms if atom.kind not in skipped | {*SHOWING} and self.weaver.outputs(atom)]
+        skipped |= {"Pass", "Part", *SHOWING}
+        shown = [atom for atom in flat.atoms if atom.kind not in skipped and not atom.hidden]
+        rest = [atom for atom in shown if self.weaver.outputs(atom)]
         for atom in rest:
             for port, name in atom.names.items():
                 if port < len(self.weaver.outputs(atom)):

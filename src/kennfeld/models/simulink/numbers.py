@@ -12,7 +12,8 @@ from kennfeld.matlab.evaluation import evaluate, names
 from kennfeld.matlab.objects import ENUMERATION, LookupTable, parameter_of
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.scripts import run_script
-from kennfeld.matlab.values import Cell, Struct
+from kennfeld.matlab.values import Cell, Struct, text
+from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.simulink.scopes import Value, Variable
 
 __all__ = ["Evaluated", "evaluated", "known", "made_by", "variable_from"]
@@ -29,7 +30,7 @@ def evaluated(tree: m.Expression, variable: Callable[[str], Value | None]) -> Ev
     """The value of an expression over the variables that `variable` gives, or why it has none."""
     given = {name: value for name in sorted(names(tree)) if (value := variable(name)) is not None}
     try:
-        found = known(evaluate(tree, given))
+        found = known(evaluate(tree, given, {"get_param": _asked, "eval": _meant}))
     except MatlabError as error:
         return error.findings[0].what
     return Evaluated(found, tuple(given)) if found is not None else "its value is neither numbers nor text"
@@ -40,9 +41,22 @@ def made_by(code: str, variable: Callable[[str], Value | None]) -> dict[str, Val
     script, _ = read_script(code)
     wanted = sorted(_taken(script.statements))
     given = {name: value for name in wanted if (value := variable(name)) is not None}
-    outcome = run_script(code, "mask", given)
+    outcome = run_script(code, "mask", given, functions={"get_param": _asked, "eval": _meant})
     values = {name: known(value) for name, value in outcome.variables.items()}
     return {name: value for name, value in values.items() if value is not None}
+
+
+def _asked(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
+    """A text that a model says of itself."""
+    said = holder.fields.get(text(key)) if isinstance(holder, Struct) else None
+    if said is None:
+        raise MatlabError.at("mask", m.Place(), f"get_param asks for {text(key)[:40]}, which only Simulink can tell")
+    return said
+
+
+def _meant(written: MatlabValue) -> MatlabValue:
+    """The value of an expression without variables."""
+    return evaluate(text(written))
 
 
 def _taken(statements: object) -> frozenset[str]:

@@ -37,7 +37,7 @@ def inspect_simulink(
     """
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
-    work = Work(opened, opened.flat(system, scope))
+    work = Work(opened, system, scope)
     report = work.report(work.woven())
     if report.whole:
         return report
@@ -73,7 +73,7 @@ class _Search:
         if block.system is None or not any(block.system.of("Outport")):
             return None
         try:
-            work = Work(self.opened, self.opened.flat(content(block, scope)[0], scope))
+            work = Work(self.opened, content(block, scope)[0], scope)
             self.left -= len(work.flat.atoms)
             weaver = work.woven()
             report = work.report(weaver)

@@ -39,12 +39,16 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class Masked:
-    """A mask's parameter: an expression over the names outside of the mask, or the text itself."""
+    """A mask's parameter: an expression over the names outside of the mask, or the text itself.
+
+    `field` is "Path:Name", how the literal is promoted; `written` is what the dialog shows.
+    """
 
     text: str
     outside: "Scope"
     evaluated: bool = True
-    field: str = ""  # "Path:Name", how the literal is promoted
+    field: str = ""
+    written: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +74,18 @@ class Scope:
             return self
         inside = Scope(self.variables, {}, self)
         for one in block.mask.parameters:
-            inside.masked[one.name] = Masked(one.expression, self, one.evaluated, f"{block.path}:{one.name}")
+            field = f"{block.path}:{one.name}"
+            inside.masked[one.name] = Masked(one.meaning, self, one.evaluated, field, one.expression)
         return _coded(inside, block.mask.initialization)
+
+    def shown(self) -> dict[str, str]:
+        """What the dialogs of the masks around show, by the names of their parameters; the inner ones win."""
+        found: dict[str, str] = {}
+        here: Scope | None = self
+        while here is not None:
+            said = {name: one.written for name, one in here.masked.items() if isinstance(one, Masked) and one.field}
+            found, here = {**said, **found}, here.outer
+        return found
 
     def find(self, name: str) -> "Masked | Coded | Variable | None":
         """What a name means here."""

@@ -72,11 +72,11 @@ def solver_of(configuration: Section | None, model: Section) -> Solver:
 
 def solver_from(entry: Section) -> Solver:
     """The solver of a configuration in a data dictionary, whose properties are sections of their own."""
-    found = next((part for part in entry.every() if part.keys.get("Class") == _SOLVER), entry)
+    found = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
     said = {part.keys.get("Name", ""): part.text for part in found.all("P")}
     name = said.get("SolverName") or said.get("Solver", "")
     step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
-    return Solver(name, step, start, stop, largest, said.get("SourceName", ""))
+    return Solver(name, step, start, stop, largest, said.get("SourceName") or said.get("WSVarName", ""))
 
 
 def _solver(section: Section) -> Solver:

@@ -41,7 +41,7 @@ class Site:
         self.weaver = weaver
         self.atom = atom
         self.kind = weaver.kind(atom)
-        self.memories = 0
+        self.memories = self.before = 0
 
     @property
     def loom(self) -> Loom:

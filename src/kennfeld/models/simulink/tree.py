@@ -101,13 +101,31 @@ class Ports:
 
 @dataclass(frozen=True, slots=True)
 class MaskParameter:
-    """One parameter of a mask: the expression it is set to, and whether that is evaluated or taken as text."""
+    """One parameter of a mask: the expression it is set to, and whether that is evaluated or taken as text.
+
+    `options` are the choices of a popup or of radio buttons.
+    """
 
     name: str
     expression: str
     type: str = "edit"
     evaluated: bool = True
     prompt: str = ""
+    options: tuple[str, ...] = ()
+
+    @property
+    def meaning(self) -> str:
+        """The expression of its value: a check box is 1 or 0, a choice is its number.
+
+        >>> MaskParameter("mode", "slow", "popup", options=("fast", "slow")).meaning
+        '2'
+        """
+        if not self.evaluated:
+            return self.expression
+        if self.type == "checkbox":
+            return {"on": "1", "off": "0"}.get(self.expression.strip(), self.expression)
+        chosen = self.type in ("popup", "radiobutton") and self.expression in self.options
+        return str(self.options.index(self.expression) + 1) if chosen else self.expression
 
 
 @dataclass(frozen=True, slots=True)

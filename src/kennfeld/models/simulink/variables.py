@@ -84,6 +84,7 @@ def _dictionary(found: Variables, path: Path) -> None:
     try:
         read = read_dictionary(path)
         _add(found, read.data, path.name)
+        found.solvers.update(read.solvers)
         found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
     except InputError as error:
         found.findings += error.findings

@@ -9,56 +9,59 @@ from collections.abc import Mapping, Sequence
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.iteration import iterator_of
 from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.tree import Block, Endpoint, Line, System
 
-__all__ = ["Choosing", "content", "is_variant", "labels_of", "member", "said", "with_choice"]
+__all__ = ["active", "content", "is_variant", "labels_of", "member", "said", "with_choice"]
 
 _PORTS = ("Inport", "Outport")
 _BLOCKS = ("VariantSource", "VariantSink")
 _MODES = ("expression", "label", "sim codegen switching")
 
 
-class Choosing:
-    """Decides between choices by the settings of a block; raises `NoValueError` where they do not."""
+def active(block: Block, labels: Sequence[str], scope: Scope) -> int | None:
+    """The number of the active choice of a block, counted from 0; None where none has to be.
 
-    def __init__(self) -> None:
-        self.expressions = Expressions(Loom(), Declared())
+    Raises `NoValueError` where the settings of the block do not decide.
+    """
+    if block.type == "ModelReference":
+        raise NoValueError("it chooses between models by itself, as before R2017b; put a variant subsystem there")
+    if (block.value("VariantChoicesSpecifier") or "").strip():
+        raise NoValueError("it is a variant assembly, whose choices are files")
+    written = block.value("VariantControlMode")
+    named = (block.value("LabelModeActiveChoice") or "").strip()
+    over = (block.value("OverrideUsingVariant") or "").strip()
+    mode = written or ("label" if named else "expression")
+    if mode not in _MODES:
+        raise NoValueError(f"VariantControlMode is {mode[:60]!r}, which is not supported")
+    if mode == "label" or (mode == "expression" and over):
+        return _labelled(labels, named if mode == "label" else over)
+    return _true(block, labels, scope)
 
-    def active(self, block: Block, labels: Sequence[str], scope: Scope) -> int | None:
-        """The number of the active choice, counted from 0; None where none has to be."""
-        if block.type == "ModelReference":
-            raise NoValueError("it chooses between models by itself, as before R2017b; put a variant subsystem there")
-        if (block.value("VariantChoicesSpecifier") or "").strip():
-            raise NoValueError("it is a variant assembly, whose choices are files")
-        written = block.value("VariantControlMode")
-        named = (block.value("LabelModeActiveChoice") or "").strip()
-        over = (block.value("OverrideUsingVariant") or "").strip()
-        mode = written or ("label" if named else "expression")
-        if mode not in _MODES:
-            raise NoValueError(f"VariantControlMode is {mode[:60]!r}, which is not supported")
-        if mode == "label" or (mode == "expression" and over):
-            return _labelled(labels, named if mode == "label" else over)
-        found = [at for at, label in enumerate(labels) if self._holds(label, scope)]
-        if len(found) > 1:
-            raise NoValueError(f"several of its variants are active: {', '.join(labels[at] for at in found)}")
-        found = found or [at for at, label in enumerate(labels) if label.strip() == "(default)"][:1]
-        if not found and (block.value("AllowZeroVariantControls") or "off") != "on":
-            raise NoValueError(f"none of its variants is active: {', '.join(labels) or 'it has none'}")
-        return found[0] if found else None
 
-    def _holds(self, label: str, scope: Scope) -> bool:
-        """Whether a variant control is true; one that is commented out is not."""
-        text = label.strip()
-        if not text or text.startswith("%") or text in ("(default)", "(codegen)"):
-            return False
-        if text == "(sim)":
-            return True
-        condition = condition_of(text, scope)
-        numbers = self.expressions.numbers(condition, scope)
-        if numbers.size != 1:
-            raise NoValueError(f"its variant control {text[:60]} has {numbers.size} values where one is expected")
-        return bool(numbers.item())
+def _true(block: Block, labels: Sequence[str], scope: Scope) -> int | None:
+    """The choice whose variant control is true, else the default."""
+    found = [at for at, label in enumerate(labels) if _holds(label, scope)]
+    if len(found) > 1:
+        raise NoValueError(f"several of its variants are active: {', '.join(labels[at] for at in found)}")
+    found = found or [at for at, label in enumerate(labels) if label.strip() == "(default)"][:1]
+    if not found and (block.value("AllowZeroVariantControls") or "off") != "on":
+        raise NoValueError(f"none of its variants is active: {', '.join(labels) or 'it has none'}")
+    return found[0] if found else None
+
+
+def _holds(label: str, scope: Scope) -> bool:
+    """Whether a variant control is true; one that is commented out is not."""
+    text = label.strip()
+    if not text or text.startswith("%") or text in ("(default)", "(codegen)"):
+        return False
+    if text == "(sim)":
+        return True
+    numbers = Expressions(Loom(), Declared()).numbers(condition_of(text, scope), scope)
+    if numbers.size != 1:
+        raise NoValueError(f"its variant control {text[:60]} has {numbers.size} values where one is expected")
+    return bool(numbers.item())
 
 
 def condition_of(label: str, scope: Scope) -> str:
@@ -110,10 +113,12 @@ def content(block: Block, scope: Scope) -> tuple[System, str]:
 
     Raises `NoValueError` where none is.
     """
+    if block.system is not None and iterator_of(block.system) is not None:
+        raise NoValueError("it runs several times in a step; import the system around it")
     if not is_variant(block) or block.system is None:
         return block.system or System(), ""
     labels = labels_of(block)
-    at = Choosing().active(block, labels, scope)
+    at = active(block, labels, scope)
     return with_choice(block, member(block, at) if at is not None else None), said(labels, at, scope)
 
 

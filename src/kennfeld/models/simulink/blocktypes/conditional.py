@@ -9,6 +9,8 @@ from kennfeld.models.simulink.flatten import Source, resets
 from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired
 from kennfeld.models.simulink.site import Site, cases_of
 
+__all__ = ["restart"]
+
 
 @block("Control")
 def control(site: Site) -> tuple[Wired, ...]:
@@ -19,10 +21,10 @@ def control(site: Site) -> tuple[Wired, ...]:
     outer = site.weaver.active(site.atom)
     if outer is not None:
         active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
-    return active, _restart(site, active)
+    return active, restart(site, active)
 
 
-def _restart(site: Site, active: Signal) -> Signal:
+def restart(site: Site, active: Signal) -> Signal:
     """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset."""
     around = site.weaver.restart(site.atom)
     events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
