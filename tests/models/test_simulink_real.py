@@ -143,7 +143,7 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
         ("controller.slx", "a link into the library dspfdesign"),
         ("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS"),
         ("GasTurbine_Dyn_Template.mdl", "a link into the library Lib_"),
-        ("Autotrans_Model.mdl", "variable thvec: has no value"),
+        ("Autotrans_Model.mdl", "variable emap: has no value"),
     ],
 )
 def test_the_others_say_what_stops_them(file, told):
