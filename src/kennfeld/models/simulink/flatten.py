@@ -18,7 +18,10 @@ from kennfeld.models.simulink.scopes import Scope, written_names
 from kennfeld.models.simulink.tree import Block, Endpoint, Ports, System, joined, split
 from kennfeld.models.simulink.variants import active, is_variant, labels_of, member, said, with_choice
 
-__all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
+__all__ = [
+    "SHOWING", "STATE", "Atom", "Flat", "Source", "begins_anew", "controls", "flatten", "is_triggered", "member_names",
+    "resets",
+]  # fmt: skip
 
 STATE = -1  # the number of a state port among the outputs of its block
 SHOWING = ("Scope", "Display", "ToFile", "XYGraph")
@@ -655,6 +658,16 @@ def resets(control: Atom) -> bool:
         and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
         and "enable" in control.special
     )
+
+
+def begins_anew(atom: Atom) -> bool:
+    """Whether the memory of a block may begin anew with a subsystem around it."""
+    return any(resets(control) or "reset" in control.special for control in controls(atom))
+
+
+def is_triggered(atom: Atom) -> bool:
+    """Whether a block is in a subsystem that runs at triggers."""
+    return any("trigger" in control.special for control in controls(atom))
 
 
 def _priority(block: Block) -> int | None:

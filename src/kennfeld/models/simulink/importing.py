@@ -15,18 +15,21 @@ from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, opaque
-from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.build import Weaver
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.failures import Failure, unknown
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
+from kennfeld.models.simulink.guesses import Guesses
 from kennfeld.models.simulink.integration import SOLVERS
 from kennfeld.models.simulink.libraries import Libraries
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable
+from kennfeld.models.simulink.settling import settled
 from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
 from kennfeld.models.simulink.single import single
 from kennfeld.models.simulink.tree import Block, Document, System, joined, split
@@ -321,7 +324,7 @@ class Work:
         shown = self.flat.results
         made = {atom: weaver.outputs(atom) for atom in shown}
         sound = [atom for atom in shown if made[atom] and all(one.sound for one in made[atom])]
-        if weaver.loops or not sound:
+        if weaver.visits.loops or not sound:
             return weaver
         left = self._woven(sound)
         if self._stops(left):
@@ -343,7 +346,7 @@ class Work:
         return settled(make, goals)
 
     def _stops(self, weaver: Weaver) -> bool:
-        return bool(weaver.failures or weaver.loops)
+        return bool(weaver.failures or weaver.visits.loops)
 
     def _give(self, weaver: Weaver, atom: Atom) -> Wired | tuple[Wired, ...]:
         """The signals that are given instead of a block."""
@@ -372,7 +375,7 @@ class Work:
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
         undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
-        loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.loops)
+        loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.visits.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
         return ImportReport(

@@ -151,7 +151,7 @@ class Site:
         found = self.wired(index)
         if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
             return found
-        return self.weaver.opened(source.atom)
+        return self.weaver.inputs.opened(source.atom)
 
     @property
     def inputs(self) -> list[Signal]:
@@ -228,14 +228,14 @@ class Site:
 
     def period(self, name: str = "SampleTime") -> float:
         """The block's own sample time: as stated, or that of its inputs as far as it is known by now."""
-        stated = self.weaver.stated_period(self.atom)
+        stated = self.weaver.timing.stated_period(self.atom)
         if stated is not None:
             return stated
-        return self.weaver.guessed_period(self.atom)
+        return self.weaver.timing.guessed_period(self.atom)
 
     def discrete(self, x: Signal) -> Signal:
         """A signal as a block that only runs at major steps sees it."""
-        return self.weaver.at_major(x)
+        return self.weaver.timing.at_major(x)
 
     # memory
 
@@ -245,7 +245,7 @@ class Site:
         The memory that is `ported` is what the block's state port shows.
         """
         self.memories += 1
-        return self.weaver.remember(self, STATE if ported else self.memories, init, then, latency)
+        return self.weaver.memories.remember(self, STATE if ported else self.memories, init, then, latency)
 
     def integrate(
         self,
@@ -257,13 +257,13 @@ class Site:
     ) -> Signal:
         """A continuous state, advanced by the solver; one that is `ported` is what the block's state port shows."""
         self.memories += 1
-        return self.weaver.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
+        return self.weaver.continuous.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
 
     def wish(self, index: int, shape: tuple[int, ...]) -> None:
         """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
         source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
         if source is not None:
-            self.weaver.wish(source.atom, shape)
+            self.weaver.shapes.wish(source.atom, shape)
 
     def edge(self, x: Signal, kind: str) -> Signal:
         """1 where a signal crosses zero in the way of a trigger: rising, falling, either.

@@ -88,7 +88,7 @@ class _Chart:
     def _hit(self) -> int | None:
         """The node that is 1 where the chart's sample time is hit; None where it always is."""
         period = self.site.period()
-        rate = self.site.weaver.rate(self.site.atom) or Rate(period)
+        rate = self.site.weaver.timing.rate(self.site.atom) or Rate(period)
         if rate.period in (CONTINUOUS, CONSTANT):
             return None
         return self.site.weaver.clock.hit(self.loom, rate)

@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.models.simulink.blocktypes.continuous import rational
 from kennfeld.models.simulink.blocktypes.discrete import direct_form
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 
@@ -99,7 +100,7 @@ def moving_average(site: Site) -> Wired:
        SampleTime="-1")  # fmt: skip
 def sample_time_math(site: Site) -> Wired:
     """The sum, difference, product or quotient of the input and the weighted sample time, or that time alone."""
-    if site.weaver.is_triggered(site.atom):
+    if is_triggered(site.atom):
         raise UnsupportedError("it takes the sample time in a triggered subsystem")
     operation = site.chosen("TsampMathOp", "+", "-", "*", "/", "Ts Only", "1/Ts Only")
     weighted = site.call("mul", site.parameter("weightValue"), site.step())

@@ -18,8 +18,8 @@ def control(site: Site) -> tuple[Wired, ...]:
     """Whether a conditional subsystem runs, and whether the memories in it begin anew."""
     special = list(site.atom.special)
     conditions = [_condition(site, port, site.input(at)) for at, port in enumerate(special) if port != "reset"]
-    active = site.weaver.at_major(site.fold("and", conditions or [site.constant(1.0)]))
-    outer = site.weaver.active(site.atom)
+    active = site.weaver.timing.at_major(site.fold("and", conditions or [site.constant(1.0)]))
+    outer = site.weaver.gates.active(site.atom)
     if outer is not None:
         active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
     return active, restart(site, active)
@@ -27,10 +27,10 @@ def control(site: Site) -> tuple[Wired, ...]:
 
 def restart(site: Site, active: Signal) -> Signal:
     """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset."""
-    around = site.weaver.restart(site.atom)
+    around = site.weaver.gates.restart(site.atom)
     events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
     if resets(site.atom):
-        before = site.weaver.always(site, site.constant(0.0), active)
+        before = site.weaver.memories.always(site, site.constant(0.0), active)
         events.append(site.call("and", active, site.call("not", before)))
     if "reset" in site.atom.special:
         port = site.atom.special["reset"]
@@ -52,7 +52,7 @@ def _condition(site: Site, port: str, u: Signal) -> Signal:
         return site.call("ne", u, zero)
     if kind not in ("rising", "falling", "either"):
         raise UnsupportedError(f"TriggerType is {kind!r}, which is not supported")
-    return site.edge(site.weaver.at_major(u), kind)
+    return site.edge(site.weaver.timing.at_major(u), kind)
 
 
 @block("Held", InitialOutput="[]", OutputWhenDisabled="held")
@@ -67,7 +67,7 @@ def _held(site: Site, wired: Wired) -> Wired:
         return Bus({name: _held(site, member) for name, member in wired.members.items()})
     text = site.text("InitialOutput")
     init = site.constant(0.0) if text in ("[]", "") else site.parameter("InitialOutput")
-    active = site.weaver.active(site.atom)
+    active = site.weaver.gates.active(site.atom)
     if active is None:
         return wired
     runs = Signal(np.array([active], dtype=np.int64), wired.period)
@@ -77,7 +77,7 @@ def _held(site: Site, wired: Wired) -> Wired:
     if site.text("OutputWhenDisabled") == "reset" and resettable:
         return site.select(runs, wired, init)
     made: list[Signal] = []
-    before = site.weaver.always_later(site, init, lambda: made[0])
+    before = site.weaver.memories.always_later(site, init, lambda: made[0])
     made.append(site.select(runs, wired, before))
     return made[0]
 
@@ -93,7 +93,7 @@ def merge(site: Site) -> Wired:
         raise UnsupportedError("it merges buses")
     first = Signal(np.broadcast_to(init.nodes, shape.shape) if init.size == 1 else init.nodes)
     made: list[Signal] = []
-    y = site.weaver.always_later(site, first, lambda: made[0])
+    y = site.weaver.memories.always_later(site, first, lambda: made[0])
     for source in sources:
         y = site.select(_runs(site, source), site.weaver.signal(source), y)
     made.append(y)
@@ -144,4 +144,4 @@ def function_call_generator(site: Site) -> Wired:
     """A call at each hit of its sample time."""
     if site.number("numberOfIterations") != 1:
         raise UnsupportedError("it calls several times in a step")
-    return site.weaver.hits(site.number("sample_time"))
+    return site.weaver.timing.hits(site.number("sample_time"))

@@ -11,6 +11,7 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.tree import Block
@@ -102,7 +103,7 @@ class _Controller:
         domain = self.site.chosen("TimeDomain", "Continuous-time", "Discrete-time")
         self.is_continuous = domain == "Continuous-time"
         self.is_ideal = self.site.chosen("Form", "Parallel", "Ideal") == "Ideal" and "P" in self.parts
-        if not self.is_continuous and self.site.weaver.is_triggered(self.site.atom):
+        if not self.is_continuous and is_triggered(self.site.atom):
             raise UnsupportedError("it integrates over time in a triggered subsystem")
 
     def output(self, proportional: Signal, integral: Signal, derivative: Signal) -> Signal:

@@ -74,7 +74,7 @@ def integer_delay(site: Site) -> Wired:
 def _delayed(site: Site, init: Signal, steps: int) -> Signal:
     if steps == 0:
         return site.input()
-    if init.size == 1 and site.weaver.runs_every_step(site.atom):
+    if init.size == 1 and site.weaver.gates.every_step(site.atom):
         return site.remember(init, lambda _: site.input(), steps)
     return _taps(site, init, steps, None, None)[-1]
 

@@ -13,6 +13,7 @@ from kennfeld.models.simulink.blocktypes.continuous import (
     with_saturation,
 )
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site, Then
 
@@ -85,7 +86,7 @@ def discrete_integrator(site: Site) -> Wired | tuple[Wired, ...]:
 
 def _step(site: Site) -> Signal:
     """The sample time of the block; in a triggered subsystem the time since it ran last would be needed."""
-    if site.weaver.is_triggered(site.atom):
+    if is_triggered(site.atom):
         raise UnsupportedError("it integrates over time in a triggered subsystem")
     return site.step()
 

@@ -65,10 +65,10 @@ def iteration(site: Site) -> tuple[Wired, ...]:
     """Whether a pass takes place, and whether the memories in it begin anew."""
     active = site.constant(1.0)
     for signal in site.inputs:
-        active = site.call("and", active, site.call("ne", site.weaver.at_major(signal), site.constant(0.0)))
+        active = site.call("and", active, site.call("ne", site.weaver.timing.at_major(signal), site.constant(0.0)))
     before = site.atom.earlier
     said = site.weaver.value(Source(before, 0)) if before is not None else None
-    outer = site.weaver.active(site.atom)
+    outer = site.weaver.gates.active(site.atom)
     if site.atom.passes[-1] > 1 and isinstance(said, Signal):
         active = site.call("and", said, active)
     elif outer is not None:
@@ -95,7 +95,7 @@ def _last(site: Site, outputs: list[Wired], passes: list[Signal]) -> Wired:
     if site.loom.value(passes[0].flat[0]) != 1:
         init = site.constant(0.0) if site.text("InitialOutput") in ("[]", "") else site.parameter("InitialOutput")
         init = Signal(np.broadcast_to(init.nodes, y.shape) if init.size == 1 else init.nodes.reshape(y.shape))
-        y = site.select(passes[0], y, site.weaver.always_later(site, init, lambda: made[0]))
+        y = site.select(passes[0], y, site.weaver.memories.always_later(site, init, lambda: made[0]))
     for active, signal in zip(passes[1:], signals[1:], strict=True):
         y = site.select(active, signal, y)
     made.append(y)

@@ -104,7 +104,7 @@ def _targets(
             along = [(k, site.loom.call("eq", places.flat[at], site.loom.const(float(k)))) for k in range(shape[axis])]
         else:
             along = [(places[at][1], None)]
-        found = [((*head, k), site.weaver.both(was, now)) for head, was in found for k, now in along]
+        found = [((*head, k), site.weaver.gates.both(was, now)) for head, was in found for k, now in along]
     return found
 
 

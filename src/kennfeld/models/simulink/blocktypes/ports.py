@@ -18,10 +18,10 @@ def inport(site: Site) -> Wired:
     shape: tuple[int, ...] = (1,)
     if site.atom.kind == "Inport":
         shape = tuple(int(n) for n in site.numbers("PortDimensions").ravel() if n > 0)
-        shape = shape or site.weaver.open_shape(site.atom)
+        shape = shape or site.weaver.shapes.open(site.atom)
         if site.text("OutDataTypeStr", "").startswith("Bus:"):
-            return site.weaver.opened(site.atom)
-    name = site.weaver.input_name(site.atom)
+            return site.weaver.inputs.opened(site.atom)
+    name = site.weaver.inputs.name(site.atom)
     count = math.prod(shape)
     if count > _WIDEST:
         raise UnsupportedError(f"it is {count} elements wide; {_WIDEST} are the most")

@@ -121,7 +121,7 @@ def _prelookup_of(site: Site, at: int) -> Site | None:
     before = site.weaver.site(sources[0].atom)
     paired = before.atom.kind == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
     plain = paired and before.text("BreakpointsDataSource") == "Dialog" and not before.on("UseLastBreakpoint")
-    return before if plain and site.weaver.rate(before.atom) is None else None
+    return before if plain and site.weaver.timing.rate(before.atom) is None else None
 
 
 def _at_prelookups(site: Site, before: list[Site], method: Method) -> Wired:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 
@@ -132,6 +133,6 @@ def decremented_to_zero(site: Site) -> Wired:
 @block("Decrement Time To Zero", linked=True)
 def time_to_zero(site: Site) -> Wired:
     """The input minus the sample time, not below 0."""
-    if site.weaver.is_triggered(site.atom):
+    if is_triggered(site.atom):
         raise UnsupportedError("it counts time in a triggered subsystem")
     return site.call("max", site.call("sub", site.input(), site.step()), site.constant(0.0))

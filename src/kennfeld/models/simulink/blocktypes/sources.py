@@ -73,7 +73,7 @@ def sine(site: Site) -> Wired:
 
 
 def _angle_of_hit(site: Site) -> Signal:
-    sample = site.weaver.stated_period(site.atom)
+    sample = site.weaver.timing.stated_period(site.atom)
     if sample is None or not 0 < sample < CONSTANT:
         raise UnsupportedError("it counts samples, and its sample time is inherited")
     hit = site.call("floor", site.call("add", site.call("div", site.time, site.constant(sample)), site.constant(1e-6)))
@@ -128,7 +128,7 @@ def pulses(site: Site) -> Wired:
     high = site.call("lt", within, site.constant(width))
     started = site.call("ge", since, site.constant(0.0))
     made = site.select(site.call("and", started, high), site.parameter("Amplitude"), site.constant(0.0))
-    return site.weaver.at_major(made)
+    return site.weaver.timing.at_major(made)
 
 
 _BIND = "Bind it to a channel of the measurement, which takes its place."

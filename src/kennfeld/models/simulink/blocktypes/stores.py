@@ -14,7 +14,7 @@ def data_store_memory(site: Site) -> Wired:
     dimensions = [int(n) for n in site.numbers("Dimensions").ravel()]
     if init.size == 1 and min(dimensions, default=-1) > 0:
         init = Signal(resized(init.nodes, tuple(dimensions)), init.period)
-    return site.weaver.stored(site.atom, init)
+    return site.weaver.contents.stored(site.atom, init)
 
 
 def _memory(site: Site) -> Site:
@@ -35,7 +35,7 @@ def data_store_read(site: Site) -> Wired:
     memory = _memory(site)
     content = data_store_memory(memory)
     assert isinstance(content, Signal)
-    return site.weaver.written(content, site.weaver.stores.before(site.atom))
+    return site.weaver.contents.written(content, site.weaver.stores.before(site.atom))
 
 
 @block("DataStoreWrite", DataStoreName="A", SampleTime="-1")

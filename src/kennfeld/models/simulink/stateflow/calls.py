@@ -73,7 +73,7 @@ class Calls:
             seen.add(atom)
             if atom in self._controls:
                 found.add(self._controls[atom])
-            waiting += self.site.weaver.needed(atom)
+            waiting += self.site.weaver.needs.now(atom)
         return frozenset(found)
 
     def start(self, at: int) -> Nodes:
@@ -106,7 +106,7 @@ class Calls:
     def _build(self, name: str, late: list[int], machine: Machine, outputs: tuple[Wired, ...]) -> None:
         atom = self.site.atom
         goals = [source.atom for at in late if (source := atom.inputs[at]) is not None]
-        built = self.site.weaver.built_meanwhile(atom, outputs, goals)
+        built = self.site.weaver.visits.meanwhile(atom, outputs, goals)
         for one in built:
             reads = any(source is not None and source.atom is atom for source in one.inputs)
             if reads and one not in self._controls and self._caller(one) != name:
