@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterable
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.atoms import STATE, Atom, Flat, Source
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.contents import Contents
@@ -10,7 +11,6 @@ from kennfeld.models.simulink.continuous_states import ContinuousStates
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.failures import UNFIT, Failures, stand_in, stand_ins, unknown
-from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source
 from kennfeld.models.simulink.gates import Gates
 from kennfeld.models.simulink.guesses import Guesses, Shapes
 from kennfeld.models.simulink.inputs import Inputs

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from kennfeld.models.simulink.flatten import Atom, Source, begins_anew
+from kennfeld.models.simulink.atoms import Atom, Source, begins_anew
 from kennfeld.models.simulink.schedule import Rate
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.timing import Timing

@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal
 
 __all__ = ["Guesses", "Key", "Shape", "Shapes"]

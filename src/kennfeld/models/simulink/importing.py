@@ -14,6 +14,7 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
+from kennfeld.models.simulink.atoms import Atom, Flat
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, opaque
 from kennfeld.models.simulink.build import Weaver
 from kennfeld.models.simulink.code.files import FunctionFiles
@@ -21,7 +22,7 @@ from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.failures import Failure, unknown
 from kennfeld.models.simulink.files import read_document
-from kennfeld.models.simulink.flatten import Atom, Flat, flatten
+from kennfeld.models.simulink.flatten import flatten
 from kennfeld.models.simulink.guesses import Guesses
 from kennfeld.models.simulink.integration import SOLVERS
 from kennfeld.models.simulink.libraries import Libraries

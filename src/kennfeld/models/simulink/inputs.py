@@ -2,8 +2,8 @@
 
 from kennfeld.graph import CLOCK
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.bus_ports import port_label
-from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.guesses import Guesses
 from kennfeld.models.simulink.signals import OpenBus
 

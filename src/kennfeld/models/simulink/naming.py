@@ -1,9 +1,9 @@
 """Names of nodes: outports, then the names of signals, then the paths of blocks; each name means one thing."""
 
 from kennfeld.graph import CLOCK
+from kennfeld.models.simulink.atoms import SHOWING, Atom, Flat
 from kennfeld.models.simulink.build import Weaver
 from kennfeld.models.simulink.bus_ports import port_label
-from kennfeld.models.simulink.flatten import SHOWING, Atom, Flat
 from kennfeld.models.simulink.signals import leaves
 
 __all__ = ["Names"]

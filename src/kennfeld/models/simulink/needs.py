@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+from kennfeld.models.simulink.atoms import Atom, Source, begins_anew
 from kennfeld.models.simulink.blocktypes.registry import KINDS
 from kennfeld.models.simulink.failures import Failures
-from kennfeld.models.simulink.flatten import Atom, Source, begins_anew
 from kennfeld.models.simulink.signals import Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.stores import Stores

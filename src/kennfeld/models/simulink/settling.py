@@ -6,8 +6,8 @@ graph is built again with what was found until nothing changes.
 
 from collections.abc import Callable, Collection
 
+from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.build import Weaver
-from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.guesses import Guesses
 
 __all__ = ["settled"]

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from kennfeld.models.simulink.atoms import STATE, Atom, Source
 from kennfeld.models.simulink.failures import stand_in
-from kennfeld.models.simulink.flatten import STATE, Atom, Source
 from kennfeld.models.simulink.guesses import Key, Shapes
 from kennfeld.models.simulink.integration import Integrated
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Nodes, Signal

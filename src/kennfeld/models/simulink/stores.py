@@ -7,7 +7,7 @@ Where they do not decide, a reader gets what the step before has left.
 from collections.abc import Iterable
 from functools import cmp_to_key
 
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.atoms import Atom
 
 __all__ = ["Stores", "first_of"]
 

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.failures import Failures, stand_ins
-from kennfeld.models.simulink.flatten import Atom
 from kennfeld.models.simulink.needs import Needs
 from kennfeld.models.simulink.signals import Wired
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.tree import Block

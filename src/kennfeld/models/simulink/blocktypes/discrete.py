@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.continuous import (
     applied,
     passes,
@@ -13,7 +14,6 @@ from kennfeld.models.simulink.blocktypes.continuous import (
     with_saturation,
 )
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site, Then
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from kennfeld.models.simulink.atoms import SHOWING
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.flatten import SHOWING
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
 

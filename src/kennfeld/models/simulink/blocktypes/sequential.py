@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.flatten import is_triggered
 from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.site import Site
 

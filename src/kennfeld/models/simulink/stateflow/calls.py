@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.signals import Nodes, Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.stateflow.diagram import Event
