@@ -219,7 +219,7 @@ class _Chart:
         """Parallel states are active with the state around them."""
         for state in self.diagram.root.below:
             if state.parallel and state.children:
-                node = machine.active(state, self.logic.always)
+                node = machine.activity.active(state, self.logic.always)
                 if state.parent is None:
                     node = machine.variables.one("active", self.logic.always)
                 for child in state.children:
@@ -286,7 +286,7 @@ class _Chart:
             raise UnsupportedError(
                 f"its output {name} tells which state is active by a number that the file does not say"
             )
-        node = machine.active(self.diagram.states[state.id], self.logic.always)
+        node = machine.activity.active(self.diagram.states[state.id], self.logic.always)
         return Signal(np.array([node], dtype=np.int64), period)
 
     def _kept(self, key: str, machine: Machine, before: Mapping[str, Nodes]) -> Nodes:

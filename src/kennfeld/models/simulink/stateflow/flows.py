@@ -95,7 +95,7 @@ class Search:
     def _taken(self, arrow: Arrow, guard: Guard) -> Guard | None:
         """The guard where a transition may be followed."""
         context = self.context.at(arrow.place)
-        found = self.machine.happens(arrow.events, context, guard) if arrow.events else guard
+        found = self.machine.events.happens(arrow.events, context, guard) if arrow.events else guard
         if found is None or arrow.condition is None:
             return found
         condition = self.machine.values.one(arrow.condition, context, found)

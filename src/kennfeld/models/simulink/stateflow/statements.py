@@ -88,7 +88,7 @@ class Statements:
         if function is None or not isinstance(value, m.Call):
             raise UnsupportedError(f"{context.place}: it takes several results of what is no function of the chart")
         given = self.values.given(value.arguments, context, guard)
-        results, after = self.machine.call(function, given, context, guard)
+        results, after = self.machine.functions.call(function, given, context, guard)
         if len(results) < len(targets):
             raise UnsupportedError(f"{context.place}: it takes {len(targets)} results of {name}, which has fewer")
         for target, result in zip(targets, results, strict=False):
@@ -111,20 +111,20 @@ class Statements:
         else:
             self.values.variables.set(key, new, guard)
         if old is not None:
-            self.machine.written(key, old, guard, context)
+            self.machine.events.written(key, old, guard, context)
 
     def _evaluate(self, tree: m.Expression, context: Context, guard: Guard) -> Guard | None:
         sent = self.values.event(tree, context)
         if sent is not None:
-            self.machine.send(sent[0], sent[1], context, guard)
+            self.machine.events.send(sent[0], sent[1], context, guard)
             return context.alive(guard)
         name = tree.of.name if isinstance(tree, m.Call) and isinstance(tree.of, m.Name) else ""
         function = self.values.diagram.function(name, context.scope)
         if function is not None and isinstance(tree, m.Call):
             given = self.values.given(tree.arguments, context, guard)
-            sent_before = self.machine.sent
-            after = self.machine.call(function, given, context, guard)[1]
-            return context.alive(after) if after is not None and self.machine.sent != sent_before else after
+            sent_before = self.machine.events.sent
+            after = self.machine.functions.call(function, given, context, guard)[1]
+            return context.alive(after) if after is not None and self.machine.events.sent != sent_before else after
         if name in _SHOWN:
             return guard
         what = name or (tree.name if isinstance(tree, m.Name) else "an expression")

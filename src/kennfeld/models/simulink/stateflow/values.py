@@ -171,16 +171,16 @@ class Values:
         function = self.diagram.function(name, context.scope)
         if function is not None:
             given = self.given(arguments, context, guard)
-            results, _ = self.machine.call(function, given, context, guard)
+            results, _ = self.machine.functions.call(function, given, context, guard)
             if not results:
                 raise UnsupportedError(f"{context.place}: {name} gives no value")
             return self.logic.simplified(results[0], guard)
         if name in TEMPORAL:
-            return self._array(self.machine.temporal(name, arguments, context, guard))
+            return self._array(self.machine.counting.temporal(name, arguments, context, guard))
         if name in CHANGES:
             return self._array(self._changed(name, arguments, context, guard))
         if name == "in" and len(arguments) == 1:
-            return self._array(self.machine.active(self.state(arguments[0], context), guard))
+            return self._array(self.machine.activity.active(self.state(arguments[0], context), guard))
         if name == "cast" and len(arguments) == 2:
             return self.nodes(arguments[0], context, guard)
         if name == "isnan" and len(arguments) == 1:
