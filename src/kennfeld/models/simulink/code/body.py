@@ -7,18 +7,17 @@ them is built as the other side of a decision.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count
 
 import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.calls import Calls
 from kennfeld.models.simulink.code.conditions import either, known, negated
-from kennfeld.models.simulink.code.desk import MOST_PASSES, Desk
+from kennfeld.models.simulink.code.desk import Desk
 from kennfeld.models.simulink.code.errors import CodeError, EndedError
 from kennfeld.models.simulink.code.indexing import assigned
 from kennfeld.models.simulink.code.joining import State, joined
-from kennfeld.models.simulink.code.limits import most_of
+from kennfeld.models.simulink.code.loops import Loops
 from kennfeld.models.simulink.code.masks import chooses, chosen_elements
 from kennfeld.models.simulink.code.values import (
     EMPTY,
@@ -26,20 +25,16 @@ from kennfeld.models.simulink.code.values import (
     Held,
     Later,
     Partial,
-    Truths,
     Unclear,
     array_of,
-    constants,
     resolved,
 )
-from kennfeld.models.simulink.expressions import each, fold
+from kennfeld.models.simulink.expressions import fold, way_of
 from kennfeld.models.simulink.signals import Nodes
 
 __all__ = ["GLOBAL", "Body", "Frame"]
 
-Begin = Callable[[int], int | None]
 GLOBAL = "global"  # the function that shared variables are kept under
-_PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
 _SILENT = frozenset(
     {"disp", "fprintf", "warning", "assert", "printf", "display", "tic", "toc", "figure", "plot", "drawnow", "pause"}
     | {"narginchk", "nargoutchk", "validateattributes", "keyboard", "beep", "clc", "close", "clear", "format", "hold"}
@@ -70,6 +65,7 @@ class Body:
         self.state = State(dict(names or {}))
         self.frame = frame or Frame(functions=desk.functions)
         self.calls = Calls(self)
+        self.loops = Loops(self)
         self.watch: Callable[[m.If, State, int], None] | None = (
             None  # told of each `if`, and how often it asked isempty
         )
@@ -90,12 +86,12 @@ class Body:
                 self._statement(statement)
             except CodeError as error:
                 raise error if error.line else CodeError(error.what, error.mend, statement.place.line) from None
-            going = self._going()
+            going = self.going()
             if going is not None:
                 self.decide(going, partial(self._go_on, statements[at:]))
                 return
 
-    def _going(self) -> int | None:
+    def going(self) -> int | None:
         """The condition under which no jump was met; None where there was none for certain."""
         met = self.loom.const(0.0)
         for node in self.state.jumps.values():
@@ -115,9 +111,9 @@ class Body:
             case m.If(branches, otherwise):
                 self._if(statement, branches, otherwise)
             case m.For(target, values, body):
-                self._for(target, values, body)
+                self.loops.over(target, values, body)
             case m.While(condition, body):
-                self._while(condition, body)
+                self.loops.as_long_as(condition, body)
             case m.Switch(subject, cases, otherwise):
                 self._switch(self.value(subject), cases, otherwise)
             case m.Jump(kind):
@@ -317,136 +313,6 @@ class Body:
             raise CodeError("switch decides on several elements")
         return self.loom.call("eq", int(left.item()), int(right.item())) if right.size else self.loom.const(0.0)
 
-    # loops
-
-    def _repeat(self, begin: Begin, body: Sequence[m.Statement]) -> None:
-        """Passes of a loop one within the other; `begin` gives the condition of a pass, None after the last one."""
-        outside: list[tuple[int, State]] = []
-        try:
-            for number in count():
-                if not self._pass(begin, number, body, outside):
-                    break
-        except EndedError:  # the last pass that was entered by a decision is never taken
-            if not outside:
-                raise
-            condition, before = outside.pop()
-            self.state = before.under(self.loom, condition, False)
-        for condition, before in reversed(outside):
-            no = before.under(self.loom, condition, False)
-            self.state = joined(self.loom, condition, self.state, no, before)
-        self.state.jumps.pop("break", None)
-
-    def _pass(self, begin: Begin, number: int, body: Sequence[m.Statement], outside: list[tuple[int, State]]) -> bool:
-        """One pass; false where it was the last one."""
-        self.desk.step()
-        condition = begin(number)
-        if condition is None or not self._enter(condition, outside):
-            return False
-        self.run(body)
-        self.state.jumps.pop("continue", None)
-        going = self._going()
-        if going is not None and not self._enter(going, outside):
-            return False
-        if going is not None:
-            self.state.jumps.clear()
-        return True
-
-    def _enter(self, condition: int, outside: list[tuple[int, State]]) -> bool:
-        """Go on where a condition holds; false where it never does."""
-        fixed = known(self.loom, self.state.facts, condition)
-        if fixed is None:
-            if len(outside) > MOST_PASSES:
-                raise CodeError(
-                    f"a loop whose end depends on signals does not end within {MOST_PASSES} passes", _PASSES
-                )
-            outside.append((condition, self.state))
-            self.state = self.state.under(self.loom, condition, True)
-        return fixed is not False
-
-    def _while(self, condition: m.Expression, body: Sequence[m.Statement]) -> None:
-        def begin(number: int) -> int:
-            found = self.truth(self.value(condition))
-            fixed = self.desk.numbers(np.array([found], dtype=np.int64), "the condition of a loop")
-            if fixed is None and number > MOST_PASSES:
-                raise CodeError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
-            return found if fixed is None else self.loom.const(float(fixed.item() != 0))
-
-        self._repeat(begin, body)
-
-    def _for(self, target: m.Expression, values: m.Expression, body: Sequence[m.Statement]) -> None:
-        if isinstance(values, m.Range):
-            self._repeat(self._counting(target, values), body)
-            return
-        whole = self.nodes(values, "what a loop runs over")
-        columns = iter([column.reshape(-1, 1) for column in whole.T] if whole.size else [])
-
-        def begin(number: int) -> int | None:
-            column = next(columns, None)
-            if column is None:
-                return None
-            self.assign(target, column.view(Truths) if isinstance(whole, Truths) else column)
-            return self.loom.const(1.0)
-
-        self._repeat(begin, body)
-
-    def _counting(self, target: m.Expression, values: m.Range) -> Begin:
-        """The passes over a range, whose end may depend on signals where a limit of it is known."""
-        first, step = self._fixed(values.first), self._fixed(values.step or m.Number(1.0))
-        end = self.nodes(values.last, "the end of a range")
-        if first is None or step is None or not step or end.size != 1:
-            return self._walking(target, values)
-        last, loom = int(end.item()), self.loom
-        fixed = self.desk.numbers(end, "the end of a loop")
-        limit = float(fixed.item()) if fixed is not None else most_of(loom, last, step > 0)
-        if not np.isfinite(limit):
-            raise CodeError(
-                "a loop to an end that depends on signals, without a limit", f"Write min(..., N). {_PASSES}"
-            )
-        passes = int(np.floor((limit - first) / step * (1 + 1e-12) + 1e-10)) + 1
-        self.desk.room(passes)
-
-        def begin(number: int) -> int | None:
-            if number >= passes:
-                return None
-            at = loom.const(first + number * step)
-            holds = loom.call("le" if step > 0 else "ge", at, last) if fixed is None else loom.const(1.0)
-            self.assign(target, np.array([[at]], dtype=np.int64))
-            return holds
-
-        return begin
-
-    def _walking(self, target: m.Expression, values: m.Range) -> Begin:
-        """The passes over a range whose beginning depends on signals: its ends tell how many there are at most."""
-        first, last = (self.nodes(part, "the end of a range") for part in (values.first, values.last))
-        step = self._fixed(values.step or m.Number(1.0))
-        if first.size != 1 or last.size != 1 or not step:
-            raise CodeError("a loop over a range whose step depends on signals", _PASSES)
-        loom, up = self.loom, step > 0
-        span = (most_of(loom, int(last.item()), up) - most_of(loom, int(first.item()), not up)) / step
-        fixed = each(loom, "sub", last, first)
-        known_span = self.desk.constant(int(fixed.item()))
-        passes = (
-            int(np.floor((known_span / step if known_span is not None else span) + 1e-10)) + 1
-            if (known_span is not None or np.isfinite(span))
-            else -1
-        )
-        if passes < 0 and known_span is None:
-            raise CodeError("a loop over a range that depends on signals, without limits", _PASSES)
-
-        def begin(number: int) -> int | None:
-            if number >= passes:
-                return None
-            at = each(loom, "add", first, constants(loom, number * step))
-            self.assign(target, at)
-            return int(each(loom, "le" if up else "ge", at, last).item())
-
-        return begin
-
-    def _fixed(self, tree: m.Expression) -> float | None:
-        nodes = self.nodes(tree, "the end of a range")
-        found = self.desk.numbers(nodes, "a range") if nodes.size == 1 else None
-        return float(found.item()) if found is not None else None
-
     # functions
 
     def call(
@@ -506,13 +372,8 @@ def _given(function: m.FunctionDefinition, arguments: Sequence[Held]) -> dict[st
 
 def _called(tree: m.Expression) -> str | None:
     """The name of the function that an expression calls, with its dots."""
-    if isinstance(tree, m.Call):
-        tree = tree.of
-    names: list[str] = []
-    while isinstance(tree, m.Field):
-        names.append(tree.name)
-        tree = tree.of
-    return ".".join([tree.name, *reversed(names)]) if isinstance(tree, m.Name) else None
+    way = way_of(tree.of if isinstance(tree, m.Call) else tree)
+    return ".".join(way) if way is not None else None
 
 
 def _base(tree: m.Expression) -> str:

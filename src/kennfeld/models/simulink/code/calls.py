@@ -34,7 +34,7 @@ from kennfeld.models.simulink.code.values import (
     said,
     truths,
 )
-from kennfeld.models.simulink.expressions import BINARY, each
+from kennfeld.models.simulink.expressions import BINARY, each, way_of
 from kennfeld.models.simulink.signals import Nodes
 
 if TYPE_CHECKING:
@@ -362,11 +362,7 @@ class Calls:
 
 
 def _dotted(tree: m.Expression) -> str:
-    names: list[str] = []
-    while isinstance(tree, m.Field):
-        names.append(tree.name)
-        tree = tree.of
-    return ".".join([tree.name, *reversed(names)]) if isinstance(tree, m.Name) else ""
+    return ".".join(way_of(tree) or ())
 
 
 def _short(tree: m.Expression) -> str:
