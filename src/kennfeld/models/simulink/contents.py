@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.atoms import Atom, Source
-from kennfeld.models.simulink.expressions import each
 from kennfeld.models.simulink.memories import Memories
 from kennfeld.models.simulink.signals import CONTINUOUS, Nodes, Signal
 from kennfeld.models.simulink.site import resized

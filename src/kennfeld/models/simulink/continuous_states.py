@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.models.simulink.expressions import each
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.guesses import Key
 from kennfeld.models.simulink.integration import Integrated, advance
 from kennfeld.models.simulink.memories import Memories

@@ -9,8 +9,8 @@ import numpy as np
 
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.atoms import Atom
-from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.libraries import is_of_simulink
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.signals import CONSTANT, Signal
 from kennfeld.models.simulink.tree import split
 from kennfeld.models.simulink.unsupported import UnsupportedError

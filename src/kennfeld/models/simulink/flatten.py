@@ -10,10 +10,10 @@ from kennfeld.models.simulink.atoms import Flat
 from kennfeld.models.simulink.bus_ports import element_of, elements
 from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.connecting import Connecting
-from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.iteration import iterator_of, planned
 from kennfeld.models.simulink.levels import SPECIAL, Level, number_of, tag_of
 from kennfeld.models.simulink.libraries import is_of_simulink
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.placed import Placed
 from kennfeld.models.simulink.repetition import Repetition
 from kennfeld.models.simulink.scopes import Scope

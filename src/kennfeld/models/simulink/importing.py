@@ -19,7 +19,7 @@ from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError
 from kennfeld.models.simulink.build import Weaver
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.configuration import asked, settings_of
-from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.failures import Failure, unknown
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import flatten
@@ -27,6 +27,7 @@ from kennfeld.models.simulink.guesses import Guesses
 from kennfeld.models.simulink.integration import SOLVERS
 from kennfeld.models.simulink.libraries import Libraries
 from kennfeld.models.simulink.naming import Names
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.report import ImportReport, Unsupported
 from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
 from kennfeld.models.simulink.scopes import Scope, Variable

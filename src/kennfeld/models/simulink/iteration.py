@@ -11,7 +11,8 @@ import numpy as np
 
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.declared import Declared
-from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.scopes import Masked, Scope, Variable
 from kennfeld.models.simulink.tree import Block, System, joined
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.atoms import STATE, Atom
-from kennfeld.models.simulink.expressions import each
 from kennfeld.models.simulink.gates import Gates
 from kennfeld.models.simulink.guesses import Key
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired, fastest

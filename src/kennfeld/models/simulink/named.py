@@ -7,9 +7,10 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.models.simulink.expressions import NoValueError, part_of, way_of
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.scopes import Array, Masked, Scope, Variable
 from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.struct_parts import part_of, way_of
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
 __all__ = ["Named", "given_table", "named", "named_text"]

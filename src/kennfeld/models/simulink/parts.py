@@ -10,8 +10,8 @@ from pathlib import Path
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.blocktypes.registry import KINDS
-from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.importing import Opened, Work
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.report import Importable, ImportReport
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, System, split

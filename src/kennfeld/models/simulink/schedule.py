@@ -9,7 +9,8 @@ from typing import NamedTuple
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.blocktypes.registry import Kind
-from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.signals import CONSTANT
 
 __all__ = ["Clock", "Rate", "common_step", "stated_rate"]

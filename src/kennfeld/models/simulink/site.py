@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.atoms import STATE, Atom
-from kennfeld.models.simulink.expressions import NoValueError, each
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import (
     CONSTANT,

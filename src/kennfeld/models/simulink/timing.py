@@ -7,9 +7,10 @@ import numpy as np
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.blocktypes.registry import KINDS
-from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.failures import Failures
 from kennfeld.models.simulink.guesses import Guesses
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.schedule import Clock, Rate, stated_rate
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, OpenBus, Signal, Wired
 

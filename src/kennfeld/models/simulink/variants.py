@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.declared import Declared
-from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.iteration import iterator_of
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.tree import Block, Endpoint, Line, System
 

@@ -4,9 +4,10 @@ import re
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import fold, matrix_product, towards_zero
 from kennfeld.models.simulink.blocktypes.matrices import as_matrix, inverse_of
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.expressions import NoValueError, fold, matrix_product, towards_zero
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, as_vector
 

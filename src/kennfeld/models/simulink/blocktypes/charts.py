@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.chart import Chart
-from kennfeld.models.simulink.expressions import NoValueError
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.schedule import Rate
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site, as_vector

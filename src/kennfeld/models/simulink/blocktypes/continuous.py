@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import fold
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 

@@ -5,7 +5,7 @@ import numpy as np
 from kennfeld.models.simulink.atoms import Source
 from kennfeld.models.simulink.blocktypes.conditional import restart
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.expressions import NoValueError
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.signals import Bus, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.tree import Block, joined, split

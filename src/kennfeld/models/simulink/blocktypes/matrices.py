@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import fold
 from kennfeld.models.simulink.blocktypes.places import listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.expressions import fold
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
 

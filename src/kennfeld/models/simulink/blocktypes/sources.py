@@ -4,7 +4,8 @@ import numpy as np
 
 from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, block
-from kennfeld.models.simulink.expressions import Expressions, NoValueError
+from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.site import Site
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.expressions import fold
+from kennfeld.models.simulink.arrays import fold
 from kennfeld.models.simulink.scopes import Array
 
 __all__ = ["nodes_needed", "spline"]

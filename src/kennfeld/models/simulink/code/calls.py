@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.conditions import both, either
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.fixed import fixed_result
@@ -34,8 +35,9 @@ from kennfeld.models.simulink.code.values import (
     said,
     truths,
 )
-from kennfeld.models.simulink.expressions import BINARY, each, way_of
+from kennfeld.models.simulink.elementary import BINARY
 from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.struct_parts import way_of
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.body import Body

@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.conditions import assumed, both, either, known, negated
 from kennfeld.models.simulink.code.values import (
     Cells,
@@ -20,7 +21,6 @@ from kennfeld.models.simulink.code.values import (
     resolved,
     truths,
 )
-from kennfeld.models.simulink.expressions import each
 from kennfeld.models.simulink.signals import Nodes
 
 __all__ = ["State", "joined"]

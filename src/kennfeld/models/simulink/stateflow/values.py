@@ -13,7 +13,9 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.expressions import Expressions, NoValueError, each, fold, way_of
+from kennfeld.models.simulink.arrays import each, fold
+from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import Nodes
 from kennfeld.models.simulink.stateflow.actions import within
@@ -21,6 +23,7 @@ from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, State
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
 from kennfeld.models.simulink.stateflow.timers import CHANGES, TEMPORAL
 from kennfeld.models.simulink.stateflow.variables import Variables
+from kennfeld.models.simulink.struct_parts import way_of
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.arrays import each, towards_zero
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, Truths, constants, truths
-from kennfeld.models.simulink.expressions import each, towards_zero
 from kennfeld.models.simulink.signals import Nodes
 
 _PLAIN: Final = (

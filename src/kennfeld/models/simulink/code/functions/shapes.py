@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, truths
-from kennfeld.models.simulink.expressions import each
 from kennfeld.models.simulink.signals import Nodes
 
 _FILLED: Final = {

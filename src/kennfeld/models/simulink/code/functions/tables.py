@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.reductions import along, total
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, constants
-from kennfeld.models.simulink.expressions import each
 from kennfeld.models.simulink.scopes import Array
 from kennfeld.models.simulink.signals import Nodes
 
