@@ -6,7 +6,8 @@ from simulink_files import Model
 from simulink_runs import run
 
 from kennfeld.cli import run as command
-from kennfeld.models.simulink.importing import Opened, simulink
+from kennfeld.models.simulink.importing import simulink
+from kennfeld.models.simulink.opening import Opened
 from kennfeld.models.simulink.parts import inspect_simulink
 
 U = np.linspace(-1, 1, 9)

@@ -81,6 +81,7 @@ class Activity:
         return found
 
     def enter(self, way: list[State], context: Context, guard: Guard) -> None:
+        """Enter the states on the way down to one, and what is entered with them."""
         state, rest = way[0], way[1:]
         self.machine.work()
         after = self._entered(state, context, guard)

@@ -38,21 +38,16 @@ class Transitions:
     def _fire(self, fired: Fired, source: State, context: Context) -> None:
         """Leave the states up to the one that the way is drawn in, run the transition's actions, and enter others."""
         top = _outermost(fired.way.holders)
-        guard: Guard | None = fired.guard
-        inside = top is source or source in top.around
-        if top.parallel and not (inside and top is source):
-            guard = self._leave_parallel(top, source, fired.target, context, fired.guard)
-        else:
-            guard = self.machine.activity.leave_children(top, context, fired.guard)
+        if top.parallel and top is not source:
+            what = f"a transition from its state {source.path} to {fired.target.path} crosses parallel states"
+            raise UnsupportedError(what)
+        guard = self.machine.activity.leave_children(top, context, fired.guard)
         quiet = self._calm(top)
         for body, place in fired.way.actions:
             here = replace(context, owner=source, alive=quiet, place=place)
             guard = self.machine.statements.run(body, here, guard)
         if guard is not None:
             self._enter_way(top, fired.target, context, guard)
-
-    def _leave_parallel(self, top: State, source: State, target: State, context: Context, guard: Guard) -> Guard | None:
-        raise UnsupportedError(f"a transition from its state {source.path} to {target.path} crosses parallel states")
 
     def _calm(self, top: State) -> Callable[[Guard], Guard | None]:
         """Gives the guard where a state is active without an active child, so that a transition in it may go on."""

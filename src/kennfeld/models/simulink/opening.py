@@ -1,0 +1,94 @@
+"""A file that has been read, its links into other files followed, and values given to its variables."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from kennfeld.errors import InputError, nearest
+from kennfeld.models.simulink.atoms import Flat
+from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
+from kennfeld.models.simulink.code.files import FunctionFiles
+from kennfeld.models.simulink.configuration import asked
+from kennfeld.models.simulink.files import read_document
+from kennfeld.models.simulink.flatten import flatten
+from kennfeld.models.simulink.libraries import Libraries
+from kennfeld.models.simulink.no_value import NoValueError
+from kennfeld.models.simulink.scopes import Scope, Variable
+from kennfeld.models.simulink.single import single
+from kennfeld.models.simulink.tree import Block, Document, System, joined, split
+from kennfeld.models.simulink.variables import Given, Variables, variables_of
+from kennfeld.models.simulink.variants import content
+
+__all__ = ["Opened"]
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A file that has been read, its links followed.
+
+    `models` are the names that referenced models see, `files` the functions beside it that code may call.
+    """
+
+    path: Path
+    document: Document
+    variables: Variables
+    models: Mapping[str, Scope]
+    remarks: tuple[str, ...]
+    files: FunctionFiles
+
+    @staticmethod
+    def of(path: str | Path, parameters: Iterable[Given] = (), folders: Iterable[str | Path] = ()) -> "Opened":
+        """The file, with values for its variables; raises `InputError` where it cannot be read."""
+        parameters, folders = tuple(parameters), tuple(folders)
+        resolved = Libraries(folders).resolve(read_document(path))
+        document = resolved.document
+        variables = variables_of(document, parameters)
+        models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
+        remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        variables.update(asked(document, variables))
+        named = [Path(one) for one in parameters if isinstance(one, str | Path)]
+        files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
+        return Opened(Path(path), document, variables, models, remarks, files)
+
+    def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
+        """The system of a path, the names it sees, and its whole path; raises `InputError` where there is none."""
+        document, scope = self.document, Scope(self.variables)
+        if not subsystem:
+            return document.root, scope, ""
+        system, names = document.root, split(subsystem)
+        names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
+        block: Block | None = None
+        for name in names:
+            block = system.by_name.get(name)
+            if block is None or block.system is None:
+                known = [b.path for b in document.root.every() if b.system is not None]
+                mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
+                raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+            if block.chart is not None:
+                return single(block, block.system), scope, joined(*names[:-1])
+            scope, system = scope.within(block), block.system
+        assert block is not None
+        try:
+            return content(block, scope)[0], scope, block.path
+        except NoValueError as error:
+            raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
+
+    def flat(
+        self,
+        system: System,
+        scope: Scope,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        counts: Mapping[str, int] = MappingProxyType({}),
+    ) -> Flat:
+        """The blocks of one of its systems; raises `InputError` where there are too many."""
+        try:
+            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS), counts)
+        except OverflowError as error:
+            raise InputError.of(self.path.name, str(error)) from None
+
+
+def _seen(document: Document, around: Variables) -> dict[str, Variable]:
+    """The names that a referenced model sees: its own, then those of the model around it."""
+    own = variables_of(document, ())
+    return {**around, **own, **asked(document, own)}
