@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from simulink_code import function
 from simulink_files import LAYOUTS, Model
 from simulink_runs import imported, run, slopes
 
@@ -9,18 +10,6 @@ from kennfeld.errors import InputError
 
 U = np.random.default_rng(11).normal(size=40)
 V = np.random.default_rng(12).normal(size=40)
-
-
-def function(code, inputs=("u", "v"), outputs=("y",)):
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.function("F", code, inputs, outputs)
-    for at, name in enumerate(inputs, 1):
-        drawn.inport(name)
-        drawn.line(name, f"F:{at}")
-    for at, name in enumerate(outputs, 1):
-        drawn.outport(f"{name}{at}")
-        drawn.line(f"F:{at}", f"{name}{at}")
-    return drawn
 
 
 def written(u, v):

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.signals import Nodes, Signal, Wired
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["applied", "passes", "rational", "reset_signal", "resetting", "scaled", "with_saturation"]
+__all__ = ["applied", "matrices", "passes", "rational", "reset_signal", "resetting", "scaled", "with_saturation"]
 
 
 def resetting(site: Site) -> str:
@@ -123,12 +123,7 @@ def _one(node: int) -> Signal:
        X0="0")  # fmt: skip
 def state_space(site: Site) -> Wired:
     """The state space model x' = A x + B u, y = C x + D u."""
-    A, B, C, D = (site.matrix(name) for name in "ABCD")
-    key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
-    init = site.parameter(key)
-    first = Signal(np.full((A.shape[0],), init.flat[0], dtype=np.int64)) if init.size == 1 else init
-    if A.shape[0] != A.shape[1] or first.size != A.shape[0]:
-        raise UnsupportedError(f"A of {A.shape} and {first.size} initial values do not fit each other")
+    A, B, C, D, first = matrices(site)
     return _state_space(site, A, B, C, D, first)
 
 
@@ -145,6 +140,17 @@ def _state_space(site: Site, A: Nodes, B: Nodes, C: Nodes, D: Nodes, init: Signa
     if all(site.loom.value(int(node)) == 0 for node in D.ravel()):
         return y
     return site.call("add", y, applied(site, D, site.input()))
+
+
+def matrices(site: Site) -> tuple[Nodes, Nodes, Nodes, Nodes, Signal]:
+    """The matrices A, B, C and D of a state space model, and its initial values."""
+    A, B, C, D = (site.matrix(name) for name in "ABCD")
+    key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
+    init = site.parameter(key)
+    first = Signal(np.full((A.shape[0],), init.flat[0], dtype=np.int64)) if init.size == 1 else init
+    if A.shape[0] != A.shape[1] or first.size != A.shape[0]:
+        raise UnsupportedError(f"A of {A.shape} and {first.size} initial values do not fit each other")
+    return A, B, C, D, first
 
 
 def applied(site: Site, matrix: Nodes, x: Signal) -> Signal:

@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.continuous import (
     applied,
+    matrices,
     passes,
     reset_signal,
     resetting,
@@ -216,12 +217,7 @@ def _single(node: int) -> Signal:
        X0="0", SampleTime="1")  # fmt: skip
 def discrete_state_space(site: Site) -> Wired:
     """The state space model x of the next hit = A x + B u, y = C x + D u."""
-    A, B, C, D = (site.matrix(name) for name in "ABCD")
-    key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
-    init = site.parameter(key)
-    first = Signal(np.full((A.shape[0],), init.flat[0], dtype=np.int64)) if init.size == 1 else init
-    if A.shape[0] != A.shape[1] or first.size != A.shape[0]:
-        raise UnsupportedError(f"A of {A.shape} and {first.size} initial values do not fit each other")
+    A, B, C, D, first = matrices(site)
     x = site.remember(first, lambda x: site.call("add", applied(site, A, x), applied(site, B, site.input())))
     y = applied(site, C, x)
     return site.call("add", y, applied(site, D, site.input())) if _direct(site) else y

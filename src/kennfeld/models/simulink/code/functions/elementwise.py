@@ -1,7 +1,6 @@
 """Functions of each element alone."""
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -10,19 +9,16 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.arrays import each, towards_zero
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, Truths, constants, truths
+from kennfeld.models.simulink.elementary import ONE, PLAIN, TWO, Rule
 from kennfeld.models.simulink.signals import Nodes
 
-_PLAIN: Final = (
-    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "floor",
-    "ceil", "round", "sign",
-)  # fmt: skip
 _CASTS: Final = (
     "double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "fi", "half",
 )  # fmt: skip
 _DEGREES: Final = math.pi / 180
 
 
-@function(*_PLAIN)
+@function(*PLAIN)
 def plain(given: Given) -> Held:
     """An operation of the graph."""
     return each(given.calls.loom, given.name, given.array(0))
@@ -55,9 +51,6 @@ def logical(given: Given) -> Held:
     """Whether elements are not 0."""
     x = given.array(0)
     return x if isinstance(x, Truths) else truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
-
-
-Rule = Callable[..., Nodes]
 
 
 def _number(loom: Loom, value: float) -> Nodes:
@@ -120,7 +113,7 @@ def _wrapped(loom: Loom, x: Nodes, half: float) -> Nodes:
 
 
 _ONE: Final[dict[str, Rule]] = {
-    "fix": towards_zero,
+    **ONE,
     "log2": lambda loom, x: _over(loom, each(loom, "log", x), _number(loom, math.log(2.0))),
     "log1p": _log1p,
     "expm1": _expm1,
@@ -142,7 +135,6 @@ _ONE: Final[dict[str, Rule]] = {
     "wrapTo180": lambda loom, x: _wrapped(loom, x, 180.0),
     "wrapTo2Pi": lambda loom, x: _turned(loom, x, 2 * math.pi),
     "wrapTo360": lambda loom, x: _turned(loom, x, 360.0),
-    "uminus": lambda loom, x: each(loom, "neg", x),
     "uplus": lambda loom, x: x,
 }
 
@@ -153,32 +145,15 @@ def composed(given: Given) -> Held:
     return _ONE[given.name](given.calls.loom, given.array(0))
 
 
-def _hypot(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
-    return each(loom, "sqrt", each(loom, "add", _times(loom, a, a), _times(loom, b, b)))
-
-
-def _rem(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
-    """What is left of a after whole steps of b towards 0; a where b is 0, as MATLAB gives not a number there."""
-    return _minus(loom, a, _times(loom, towards_zero(loom, _over(loom, a, b)), b))
-
-
 def _xor(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
     zero = _number(loom, 0.0)
     return each(loom, "ne", each(loom, "ne", a, zero), each(loom, "ne", b, zero))
 
 
 _TWO: Final[dict[str, Rule]] = {
-    "atan2": lambda loom, a, b: each(loom, "atan2", a, b),
-    "mod": lambda loom, a, b: each(loom, "mod", a, b),
-    "power": lambda loom, a, b: each(loom, "pow", a, b),
-    "realpow": lambda loom, a, b: each(loom, "pow", a, b),
-    "plus": lambda loom, a, b: each(loom, "add", a, b),
-    "minus": _minus,
-    "times": _times,
-    "rdivide": _over,
+    **TWO,
+    "realpow": TWO["power"],
     "ldivide": lambda loom, a, b: _over(loom, b, a),
-    "hypot": _hypot,
-    "rem": _rem,
 }
 _LOGIC: Final[dict[str, Rule]] = {
     "xor": _xor,
@@ -220,7 +195,7 @@ def negation(given: Given) -> Held:
     return truths(each(given.calls.loom, "not", given.array(0)))
 
 
-EACH_ALONE: Final = frozenset({*_PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "min", "max", "not", "logical"})
+EACH_ALONE: Final = frozenset({*PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "min", "max", "not", "logical"})
 
 
 @function("idivide", least=2, most=3)
