@@ -26,6 +26,26 @@ def alone(kind, /, inputs=1, outputs=1, *, model=None, special=None, **parameter
     return drawn
 
 
+def switch_case(conditions, *values):
+    """A drawing of a Switch Case over u whose cases, the last one by default, each give y a value."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("SwitchCase", "Case", ports=(1, len(values)), CaseConditions=conditions)
+    drawn.line("u", "Case")
+    drawn.block("Merge", "M", ports=(len(values), 1), Inputs=str(len(values)))
+    for at, value in enumerate(values, 1):
+        inner = drawn.subsystem(f"A{at}")
+        inner.block("ActionPort", "P")
+        inner.block("Constant", "C", Value=str(value))
+        inner.outport("y")
+        inner.chain("C", "y")
+        drawn.line(f"Case:{at}", f"A{at}#ifaction")
+        drawn.line(f"A{at}", f"M:{at}")
+    drawn.outport("y")
+    drawn.line("M", "y")
+    return drawn
+
+
 def imported(drawn, folder, layout="slx parts", **options):
     """The model of a drawing."""
     return simulink(drawn.write(folder, layout), **options)

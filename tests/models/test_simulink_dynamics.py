@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 from simulink_files import Model
-from simulink_runs import alone, crossings, imported, run, slopes
+from simulink_runs import alone, crossings, imported, run, slopes, switch_case
 
 from kennfeld.errors import InputError
 
@@ -516,21 +516,7 @@ def test_an_if_block_runs_one_of_its_subsystems_and_merge_takes_the_last(tmp_pat
 
 
 def test_a_switch_case_chooses_by_whole_numbers(tmp_path):
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.inport("u")
-    drawn.block("SwitchCase", "Case", ports=(1, 3), CaseConditions="{1,[2 -3]}")
-    drawn.line("u", "Case")
-    drawn.block("Merge", "M", ports=(3, 1), Inputs="3")
-    for at in (1, 2, 3):
-        inner = drawn.subsystem(f"A{at}")
-        inner.block("ActionPort", "P")
-        inner.block("Constant", "C", Value=str(at * 11))
-        inner.outport("y")
-        inner.chain("C", "y")
-        drawn.line(f"Case:{at}", f"A{at}#ifaction")
-        drawn.line(f"A{at}", f"M:{at}")
-    drawn.outport("y")
-    drawn.line("M", "y")
+    drawn = switch_case("{1,[2 -3]}", 11, 22, 33)
     found = run(imported(drawn, tmp_path), {"u": [1.0, 1.9, 2.0, -3.4, 5.0, -2.0]})["y"]
     assert found.tolist() == [11, 11, 22, 22, 33, 33]
 

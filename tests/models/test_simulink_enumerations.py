@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model, zipped
-from simulink_runs import alone, imported, run
+from simulink_files import LAYOUTS, zipped
+from simulink_runs import alone, imported, run, switch_case
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.dictionary import read_dictionary
@@ -92,21 +92,7 @@ def test_a_class_file_beside_the_model_is_found_where_a_block_names_it(tmp_path)
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_switch_case_knows_members(layout, tmp_path):
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.inport("u")
-    drawn.block("SwitchCase", "Case", ports=(1, 3), CaseConditions="{Gear.First, [Gear.Second, Gear.Reverse]}")
-    drawn.line("u", "Case")
-    drawn.block("Merge", "M", ports=(3, 1), Inputs="3")
-    for at in (1, 2, 3):
-        inner = drawn.subsystem(f"A{at}")
-        inner.block("ActionPort", "P")
-        inner.block("Constant", "C", Value=str(at))
-        inner.outport("y")
-        inner.chain("C", "y")
-        drawn.line(f"Case:{at}", f"A{at}#ifaction")
-        drawn.line(f"A{at}", f"M:{at}")
-    drawn.outport("y")
-    drawn.line("M", "y")
+    drawn = switch_case("{Gear.First, [Gear.Second, Gear.Reverse]}", 1, 2, 3)
     found = run(imported(drawn, tmp_path, layout, parameters=[class_file(tmp_path)]), {"u": [1.0, 2.0, -1.0, 0.0]})
     assert found["y"].tolist() == [1, 2, 2, 3]
 
