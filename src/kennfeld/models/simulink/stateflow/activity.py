@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Action, State
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.stateflow.values import Context
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine

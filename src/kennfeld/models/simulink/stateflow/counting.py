@@ -4,10 +4,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from kennfeld.matlab import syntax as m
+from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import State
 from kennfeld.models.simulink.stateflow.guards import Guard
 from kennfeld.models.simulink.stateflow.timers import SECONDS, unit_of
-from kennfeld.models.simulink.stateflow.values import Context
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import Nodes
 from kennfeld.models.simulink.stateflow.activity import Activity
+from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.counting import Counting
 from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, Knot, State
 from kennfeld.models.simulink.stateflow.flows import Search, sure_knots
@@ -16,7 +17,7 @@ from kennfeld.models.simulink.stateflow.happenings import Events
 from kennfeld.models.simulink.stateflow.statements import Statements
 from kennfeld.models.simulink.stateflow.timers import Timers
 from kennfeld.models.simulink.stateflow.transitions import Transitions
-from kennfeld.models.simulink.stateflow.values import Context, Values
+from kennfeld.models.simulink.stateflow.values import Values
 from kennfeld.models.simulink.stateflow.variables import Variables
 from kennfeld.models.simulink.unsupported import UnsupportedError
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from kennfeld.matlab import syntax as m
+from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Arrow, Knot, State
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.stateflow.values import Context
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:

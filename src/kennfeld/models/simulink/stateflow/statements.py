@@ -7,8 +7,9 @@ import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.stateflow.values import Context, Values
+from kennfeld.models.simulink.stateflow.values import Values
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ class Statements:
         self.machine.check_writable(key, context)
         old = self.values.variables.values.get(key)
         if indices is not None:
-            self.values.set_element(key, indices, new, context, guard)
+            self.values.elements.set(key, indices, new, context, guard)
         else:
             self.values.variables.set(key, new, guard)
         if old is not None:

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Arrow, State
 from kennfeld.models.simulink.stateflow.flows import Fired, Search
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.stateflow.values import Context
 from kennfeld.models.simulink.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
