@@ -1,36 +1,45 @@
-"""What becomes of Simulink files: `python -m benchmarks.simulink_models FOLDER [PARAMETERS.json]` prints a table.
+"""What becomes of Simulink files: `python -m benchmarks.simulink_models FOLDER [GIVEN.json]` prints a table.
 
-For each file whether it is whole, how many of its blocks are supported, and what stops it. The second file gives values
-to variables, {"engine": {"K": 1.0}} for engine.slx.
+For each file whether it is whole, how many of its blocks are supported, what stops it, and its largest subsystem that
+can be imported by itself. The second file says what is given to a model, all of it as wanted, files beside the JSON:
+{"engine": {"values": {"K": 1.0}, "files": ["init.m"], "folders": ["libraries"], "bind": {"Sensor": "1.0"}}}.
 """
 
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from kennfeld.models.simulink.parts import inspect_simulink
 
 
-def row(path: Path, given: dict[str, object]) -> str:
+def row(path: Path, given: dict[str, Any], beside: Path) -> str:
     """One line of the table."""
+    parameters = [*(beside / name for name in given.get("files", ())), given.get("values", {})]
+    folders = [beside / name for name in given.get("folders", ())]
     try:
-        report = import_simulink(path, parameters=[given]).report
+        report = import_simulink(path, parameters=parameters, bind=given.get("bind"), folders=folders).report
+        parts = () if report.whole else inspect_simulink(path, parameters=parameters, folders=folders).subsystems
     except InputError as error:
-        return f"| {path.name} | refused | | {error.findings[0]} |"
+        return f"| {path.name} | refused | | {error.findings[0]} | |"
     stops = [f"{finding.place}: {finding.what}" for finding in report.findings]
     told = "; ".join(stops[:4]) + (f"; and {len(stops) - 4} more" if len(stops) > 4 else "")
-    return f"| {path.name} | {'whole' if report.whole else 'partial'} | {report.supported}/{report.total} | {told} |"
+    largest = f"{parts[0].path} ({parts[0].blocks} blocks)" if parts else ""
+    kind = "whole" if report.whole else "partial"
+    return f"| {path.name} | {kind} | {report.supported} of {report.total} | {told} | {largest} |"
 
 
 def main() -> None:
     """Print the table."""
     folder = Path(sys.argv[1])
-    values = json.loads(Path(sys.argv[2]).read_text(encoding="utf-8")) if len(sys.argv) > 2 else {}
-    print("| file | | blocks | what stops it |\n|---|---|---|---|")
+    file = Path(sys.argv[2]) if len(sys.argv) > 2 else None
+    given = json.loads(file.read_text(encoding="utf-8")) if file is not None else {}
+    print("| file | | blocks | what stops it | largest subsystem that can be imported |\n|---|---|---|---|---|")
     for path in sorted(folder.iterdir()):
         if path.suffix in (".slx", ".mdl"):
-            print(row(path, values.get(path.stem, {})))
+            print(row(path, given.get(path.stem, {}), file.parent if file is not None else folder))
 
 
 if __name__ == "__main__":

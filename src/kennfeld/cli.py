@@ -37,6 +37,15 @@ ProjectFile = Annotated[
 Subsystem = Annotated[
     str, typer.Option("--subsystem", help="The part of a Simulink model.", show_default=False, metavar="PATH")
 ]
+Folders = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--folder",
+        help="Where a Simulink model's libraries are, besides beside it; repeatable.",
+        show_default=False,
+        metavar="FOLDER",
+    ),
+]
 VariableFiles = Annotated[
     list[Path] | None,
     typer.Option(
@@ -402,6 +411,7 @@ def info(
     a2l: DescriptionFile = None,
     subsystem: Subsystem = "",
     values: VariableFiles = None,
+    folders: Folders = None,
 ) -> int:
     """Show what is in a file.
 
@@ -410,10 +420,10 @@ def info(
     """
     import json
 
-    from kennfeld.terminal.contents import contents
+    from kennfeld.terminal.contents import Part, contents
     from kennfeld.terminal.search import searched
 
-    found = contents(path, a2l, subsystem, values or ())
+    found = contents(path, a2l, Part(subsystem, values or (), folders or ()))
     if search.strip():
         found = searched(found, search)
     say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
@@ -431,6 +441,7 @@ def convert(
     a2l: DescriptionFile = None,
     subsystem: Subsystem = "",
     values: VariableFiles = None,
+    folders: Folders = None,
 ) -> int:
     """Turn a calibration file into another format, or a Simulink model into formula text.
 
@@ -443,7 +454,7 @@ def convert(
     if source.suffix.lower() in (".slx", ".mdl"):
         from kennfeld.models.simulink.text import write_formula
 
-        say(*(f"Written to {path}" for path in write_formula(source, target, subsystem, values or ())))
+        say(*(f"Written to {path}" for path in write_formula(source, target, subsystem, values or (), folders or ())))
         return DONE
 
     [parameters], remarks = calfiles.read_several([source], a2l)

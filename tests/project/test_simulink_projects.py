@@ -10,7 +10,9 @@ from torque_drawing import torque
 
 from kennfeld import cli
 from kennfeld.calfiles import read
+from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import read as read_formula
+from kennfeld.parameters import ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 
@@ -90,6 +92,56 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
     assert json.loads((drawn.folder / "line.json").read_text())["Slope"]["value"] == 3
     assert cli.run(["convert", str(drawn.folder / "line.slx"), str(target.with_suffix(".dcm"))]) == 2
     assert "formula text" in capsys.readouterr().err
+
+
+def test_formula_text_has_the_blocks_names_below_their_subsystems(tmp_path):
+    drawn = Model("plant", step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    for name, gain in (("Left", "2"), ("Right side", "3")):
+        inner = drawn.subsystem(name)
+        inner.inport("x")
+        inner.block("Gain", "K", Gain=gain)
+        inner.block("Abs", f"Size {gain}")
+        inner.outport("y")
+        inner.chain("x", "K", f"Size {gain}", "y")
+        drawn.line("u", name)
+    drawn.block("Sum", "Both", ports=(2, 1))
+    drawn.outport("y")
+    drawn.line("Left", "Both:1")
+    drawn.line("Right side", "Both:2")
+    drawn.chain("Both", "y")
+    source, target = drawn.write(tmp_path, DRAWN), tmp_path / "plant.kf"
+    assert cli.run(["convert", str(source), str(target)]) == 0
+    text = target.read_text(encoding="utf-8")
+    assert "# Left\n%Left/K% = 2 * u\n%Size 2% = abs(%Left/K%)\n" in text
+    assert "# Right side\n%Right side/K% = 3 * u\n%Size 3% = abs(%Right side/K%)" in text
+    again = read_formula(target)
+    u = np.array([-1.0, 2.0])
+    np.testing.assert_array_equal(evaluate(again.graph, {"u": u}, ParameterSet([]))["y"], 5 * np.abs(u))
+
+
+def test_libraries_are_looked_for_in_the_folders_that_the_project_names(drawn, capsys):
+    library = Model("lib", kind="Library")
+    inner = library.subsystem("Twice")
+    inner.inport("x")
+    inner.block("Gain", "K", Gain="2")
+    inner.outport("y")
+    inner.chain("x", "K", "y")
+    (drawn.folder / "parts").mkdir()
+    library.write(drawn.folder / "parts", DRAWN)
+    model = Model("line")
+    model.inport("u")
+    model.link("Half", "lib/Twice")
+    model.block("Gain", "Times", Gain="Slope/2")
+    model.block("Bias", "Plus", Bias="1.5")
+    model.outport("y")
+    model.chain("u", "Half", "Times", "Plus", "y")
+    path = model.write(drawn.folder, DRAWN)
+    assert any("library lib, which was not found" in str(finding) for finding in drawn.findings())
+    drawn.change("[[dataset]]", "folders = 'parts'\n[[dataset]]")
+    assert drawn.project.calibrate().parameters["Slope"].value == pytest.approx(3, rel=1e-9)
+    assert cli.run(["info", str(path), "--folder", str(drawn.folder / "parts")]) == 0
+    assert "was not found" not in capsys.readouterr().out
 
 
 def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):

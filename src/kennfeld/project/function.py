@@ -85,7 +85,7 @@ def _drawn(file: ProjectFile, initial: ParameterSet | None) -> Model:
     stated = {name: one.initial for name, one in file.parameters.items() if one.initial is not None and not one.axes}
     given: list[Any] = [*files, *([] if initial is None else [initial]), stated]
     drawn = file.folder / entry.file, entry.subsystem or None, given, dict(entry.bind), promoted
-    return simulink(*drawn, step=entry.step)
+    return simulink(*drawn, [file.folder / name for name in entry.folders], entry.step)
 
 
 def _read(path: Path, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:

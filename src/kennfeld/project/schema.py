@@ -51,6 +51,7 @@ class ModelEntry:
     subsystem: str = ""
     parameters: tuple[str, ...] = ()  # files that give values to its variables
     bind: Mapping[str, str] = field(default_factory=dict)  # block: channel or formula
+    folders: tuple[str, ...] = ()  # where its libraries and referenced models are, besides beside it
 
 
 @dataclass(frozen=True)

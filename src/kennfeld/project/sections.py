@@ -80,10 +80,10 @@ def _model(root: Section) -> ModelEntry:
     if not section.has("file"):
         section.report("file", "the key is missing", 'Write file = "....kf", the formula text.')
     step = section.number("step", 0.0, 0.0, above=True) or None
-    drawn = section.text("subsystem"), section.texts("parameters"), section.text_table("bind")
+    drawn = section.text("subsystem"), section.texts("parameters"), section.text_table("bind"), section.texts("folders")
     section.end()
     if file and any(drawn) and not file.lower().endswith(SIMULINK):
-        section.report("file", f"{file} is no Simulink model, which subsystem, parameters and bind are for")
+        section.report("file", f"{file} is no Simulink model, which subsystem, parameters, bind and folders are for")
     return ModelEntry(file, step, *drawn)
 
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from kennfeld import calfiles, measurement
 from kennfeld.calfiles.cdfx.reader import recognises_cdfx
@@ -38,7 +38,7 @@ from kennfeld.terminal.simulink import (
 from kennfeld.terminal.surrogates import described, quality_table, ranges_table
 from kennfeld.terminal.table import aligned
 
-__all__ = ["Contents", "contents"]
+__all__ = ["Contents", "Part", "contents"]
 
 Table = Sequence[Sequence[str]]  # the heading first
 
@@ -69,13 +69,21 @@ class Contents:
         return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
 
 
-def contents(
-    path: str | Path, a2l: str | Path | None = None, subsystem: str = "", parameters: Sequence[str | Path] = ()
-) -> Contents:
+class Part(NamedTuple):
+    """What to look at of a Simulink model: a subsystem, with values for variables and folders of libraries."""
+
+    subsystem: str = ""
+    parameters: Sequence[str | Path] = ()
+    folders: Sequence[str | Path] = ()
+
+
+WHOLE = Part()
+
+
+def contents(path: str | Path, a2l: str | Path | None = None, part: Part = WHOLE) -> Contents:
     """What is in a measurement, calibration, A2L, formula, Simulink, project or training file, told by its content.
 
-    `a2l` describes the labels of an image; by default the A2L file beside it. Of a Simulink model, `subsystem` is the
-    part to import, and `parameters` are files with values of its variables.
+    `a2l` describes the labels of an image; by default the A2L file beside it. `part` is for Simulink models.
 
     Raises `InputError` where there is no such file, or it can be read as none of these.
     """
@@ -85,10 +93,10 @@ def contents(
     if file.suffix.lower() == ".sldd":
         return _dictionary(file)
     if file.suffix.lower() in (".slx", ".mdl"):  # a damaged one too
-        return _simulink(file, subsystem, parameters)
+        return _simulink(file, part)
     kind, head = _sniffed(file)
     if kind is Kind.MODEL or simulink.recognises_simulink(head.encode()):
-        return _simulink(file, subsystem, parameters)
+        return _simulink(file, part)
     if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
         return _training(file) if is_training(read_toml(file)) else _project(file)
     if recognises_surrogate(head):
@@ -306,15 +314,15 @@ def _formula(file: Path, model: Model) -> Contents:
     return Contents(summary, [inputs, parameters, nodes], notes, as_json)
 
 
-def _simulink(file: Path, subsystem: str, parameters: Sequence[str | Path]) -> Contents:
-    found = simulink.outline(file)
+def _simulink(file: Path, part: Part) -> Contents:
+    found = simulink.outline(file, part.folders)
     as_json = {"content": "Simulink model", **found.as_dict()}
     tables, notes = model_tables(found), model_notes(found)
     if found.kind != "library":
         from kennfeld.models.simulink.parts import inspect_simulink  # all block types
 
         try:
-            report = inspect_simulink(file, subsystem or None, parameters)
+            report = inspect_simulink(file, part.subsystem or None, part.parameters, part.folders)
         except InputError as error:  # nothing in it can be a function
             notes = [*notes, *(str(finding) for finding in error.findings)]
         else:

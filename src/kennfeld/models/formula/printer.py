@@ -1,7 +1,7 @@
 """Graph to formula text that reads back to the same graph."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from typing import Final, NamedTuple
 
@@ -22,10 +22,11 @@ _NEGATION, _COMPARISON, _POWER, _ATOM = LEVELS["*"] + 1, LEVELS["<"], LEVELS["^"
 _DEEPEST = 40
 
 
-def to_text(graph: Graph, step: float | None = None) -> str:
+def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None) -> str:
     r"""Formula text of a graph, complete by itself: `formula(to_text(graph)).graph == graph`.
 
-    Inner nodes that are used more than once are called `_1`, `_2`, ... Memories of equal content are printed as one.
+    `headings` gives nodes by name the comment above them, written where it changes from one node to the next. Inner
+    nodes that are used more than once are called `_1`, `_2`, ... Memories of equal content are printed as one.
     Raises `ArgumentError` for what text cannot say: a name that is two things, a name or unit with a line break or
     a unit with `]`, and the operation `guard`, which occurs only in derivatives.
 
@@ -41,7 +42,7 @@ def to_text(graph: Graph, step: float | None = None) -> str:
     _check(graph)
     graph = merged(graph)
     declared = [] if step is None else [f"step {step!r}"]
-    return "\n".join([*declared, *_declarations(graph), *_Printer(graph).lines(), ""])
+    return "\n".join([*declared, *_declarations(graph), *_Printer(graph).lines(headings or {}), ""])
 
 
 def _check(graph: Graph) -> None:
@@ -125,9 +126,13 @@ class _Printer:
         self._begun: set[int] = set()
         self._done: dict[int, _Text] = {}
 
-    def lines(self) -> list[str]:
+    def lines(self, headings: Mapping[str, str]) -> list[str]:
         """The lines of all nodes; auxiliary ones stand before their first use where a loop permits."""
+        above = ""
         for name, at in self.graph.names.items():
+            if (heading := " ".join(headings.get(name, "").split())) != above:
+                above = heading
+                self.output += ["", f"# {heading}"] if heading else [""]
             if self._named.get(at, name) == name:
                 self._write(at)
                 text = self._done[at].text

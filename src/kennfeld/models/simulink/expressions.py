@@ -99,13 +99,13 @@ class Expressions:
         self, text: str, tree: m.Expression, scope: Scope, live: bool, names: Mapping[str, Nodes] | None, why: str
     ) -> Held:
         """The value as numbers, by the evaluator of MATLAB expressions."""
-        from kennfeld.models.simulink.numbers import evaluated
+        from kennfeld.models.simulink.numbers import Unknown, evaluated
 
         if names:
             raise NoValueError(why)
         given = evaluated(tree, lambda name: self._variable_value(name, scope))
-        if isinstance(given, str):
-            raise NoValueError(given)
+        if isinstance(given, Unknown):
+            raise NoValueError(given.why, given.undefined)
         if live and any(isinstance(scope.find(name), (Variable, Masked)) for name in given.names):
             self.frozen[text.strip()] = why
         return self.constant(given.value)

@@ -86,5 +86,6 @@ def unknown(atom: Atom) -> tuple[str, str]:
     link = atom.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split(link.source) or ("",))[0]
-        return f"it is a link into the library {library}, which was not found", f"Put {library}.slx beside the model."
+        what = f"it is a link into the library {library}, which was not found"
+        return what, f"Put {library}.slx beside the model, or name its folder in `folders`."
     return f"blocks of type {atom.kind} are not supported", ""

@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluation import evaluate, names
+from kennfeld.matlab.functions import REGISTERED
 from kennfeld.matlab.objects import ENUMERATION, LookupTable, parameter_of
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.scripts import run_script
@@ -16,7 +17,7 @@ from kennfeld.matlab.values import Cell, Struct, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.simulink.scopes import Value, Variable
 
-__all__ = ["Evaluated", "evaluated", "known", "made_by", "variable_from"]
+__all__ = ["Evaluated", "Unknown", "evaluated", "known", "made_by", "variable_from"]
 
 
 class Evaluated(NamedTuple):
@@ -26,14 +27,22 @@ class Evaluated(NamedTuple):
     names: tuple[str, ...]
 
 
-def evaluated(tree: m.Expression, variable: Callable[[str], Value | None]) -> Evaluated | str:
+class Unknown(NamedTuple):
+    """Why an expression has no value, and the variable that nothing gives one, if that is why."""
+
+    why: str
+    undefined: str = ""
+
+
+def evaluated(tree: m.Expression, variable: Callable[[str], Value | None]) -> Evaluated | Unknown:
     """The value of an expression over the variables that `variable` gives, or why it has none."""
     given = {name: value for name in sorted(names(tree)) if (value := variable(name)) is not None}
     try:
         found = known(evaluate(tree, given, {"get_param": _asked, "eval": _meant}))
     except MatlabError as error:
-        return error.findings[0].what
-    return Evaluated(found, tuple(given)) if found is not None else "its value is neither numbers nor text"
+        missing = [name for name in sorted(names(tree)) if name not in given and name not in REGISTERED]
+        return Unknown(error.findings[0].what, missing[0] if missing else "")
+    return Evaluated(found, tuple(given)) if found is not None else Unknown("its value is neither numbers nor text")
 
 
 def made_by(code: str, variable: Callable[[str], Value | None]) -> dict[str, Value]:

@@ -95,9 +95,9 @@ def _together(several: tuple[Unsupported, ...]) -> Finding:
 
 
 def _valueless(name: str, paths: tuple[str, ...]) -> Finding:
-    others = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    who = f"{paths[0]} needs it" if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more need it"
     mend = "Give it among the parameters: in a script, a .mat, .sldd or calibration file."
-    return Finding(f"variable {name}", f"has no value; {paths[0]}{others} needs it", mend)
+    return Finding(f"variable {name}", f"has no value; {who}", mend)
 
 
 _LOOP = "Put a unit delay into the loop, or bind one of its blocks."

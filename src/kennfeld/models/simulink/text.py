@@ -1,31 +1,43 @@
 """A Simulink model as formula text, with its parameters in a file beside it."""
 
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from types import MappingProxyType
 
 from kennfeld.errors import InputError
+from kennfeld.graph import CLOCK, Graph
 from kennfeld.models.formula import to_text
+from kennfeld.models.model import Model
 from kennfeld.models.simulink.importing import import_simulink
+from kennfeld.models.simulink.tree import joined, split
 from kennfeld.whole_files import write_whole
 
 __all__ = ["write_formula"]
 
 
 def write_formula(
-    source: Path, target: Path, subsystem: str = "", parameters: Iterable[str | Path] = ()
+    source: Path,
+    target: Path,
+    subsystem: str = "",
+    parameters: Iterable[str | Path] = (),
+    folders: Iterable[str | Path] = (),
 ) -> tuple[Path, ...]:
     """Write the model in a Simulink file as formula text that gives the same results, and give the paths written.
 
-    What runs in another way than in Simulink stands in comments on top. The values of its parameters go to a `.json`
-    of the same name, where there are some. Raises `InputError` where an output cannot be built, or nothing be written.
+    Nodes are called by their blocks, or by the paths of those where a name would mean two things, and stand below the
+    paths of their subsystems. What runs in another way than in Simulink stands in comments on top. The values of its
+    parameters go to a `.json` of the same name, where there are some. Raises `InputError` where an output cannot be
+    built, or nothing be written.
     """
     if target.suffix.lower() != ".kf":
         raise InputError.of(str(target), "a model is written as formula text", "Name a file that ends in .kf.")
-    found = import_simulink(source, subsystem or None, parameters)
+    found = import_simulink(source, subsystem or None, parameters, folders=folders)
     if found.model is None:
         raise InputError(found.report.findings)
     head = [f"{source.name}{f', {subsystem}' if subsystem else ''}, read by Kennfeld", *found.report.substitutions]
-    text = "".join(f"# {' '.join(line.split())}\n" for line in head) + to_text(found.model.graph, found.model.step)
+    graph, headings = _arranged(found.model)
+    text = "".join(f"# {' '.join(line.split())}\n" for line in head) + to_text(graph, found.model.step, headings)
     made = [target]
     try:
         write_whole(target, text)
@@ -35,3 +47,28 @@ def write_formula(
     except OSError as error:
         raise InputError.of(str(target), f"cannot be written: {error.strerror or error}") from None
     return tuple(made)
+
+
+def _arranged(model: Model) -> tuple[Graph, dict[str, str]]:
+    """The graph with its nodes in the order of their subsystems, under short names, and what stands above each."""
+    graph = model.graph
+    ways = {name: split(model.places.get(name, "")) for name in graph.names}
+    short = {name: _short(name, model.places.get(name, ""), ways[name]) for name in graph.names}
+    uses = Counter([*short.values(), *graph.inputs, *graph.parameters, *CLOCK])
+    new = {name: short[name] if uses[short[name]] == 1 else name for name in graph.names}
+    above = {name: "" if name in graph.outputs else joined(*ways[name][:-1]) for name in graph.names}
+    order = {heading: at for at, heading in enumerate(dict.fromkeys(["", *above.values()]))}
+    names = sorted(graph.names, key=lambda name: order[above[name]])
+    arranged = Graph(
+        graph.nodes,
+        MappingProxyType({new[name]: graph.names[name] for name in names}),
+        graph.states,
+        MappingProxyType({new.get(name, name): unit for name, unit in graph.units.items()}),
+        tuple(new[name] for name in graph.outputs),
+    )
+    return arranged, {new[name]: above[name] for name in names}
+
+
+def _short(name: str, path: str, way: tuple[str, ...]) -> str:
+    """A node that is called by the path of its block, by the block alone."""
+    return way[-1] + name[len(path) :] if len(way) > 1 and name.startswith(path) else name
