@@ -392,7 +392,8 @@ def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_b
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
     told = str(caught.value)
-    assert "N" in told and "its settings do not fit" not in told
+    assert "N" in told
+    assert "its settings do not fit" not in told
 
 
 def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsystem_reads_it(tmp_path):
