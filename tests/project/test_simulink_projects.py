@@ -10,6 +10,7 @@ from torque_drawing import torque
 
 from kennfeld import cli
 from kennfeld.calfiles import read
+from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import read as read_formula
 from kennfeld.project import Project
 from kennfeld.project.demo import write
@@ -90,6 +91,24 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
     assert json.loads((drawn.folder / "line.json").read_text())["Slope"]["value"] == 3
     assert cli.run(["convert", str(drawn.folder / "line.slx"), str(target.with_suffix(".dcm"))]) == 2
     assert "formula text" in capsys.readouterr().err
+
+
+def test_formula_text_goes_on_beyond_the_ends_of_a_table_as_its_model_does(tmp_path):
+    drawn = Model("beyond", step="0.1", solver="FixedStepDiscrete")
+    for name, method in (("Eta", "Linear"), ("Phi", "Clip")):
+        drawn.inport(f"u_{name}")
+        drawn.block("Lookup_n-D", name, NumberOfTableDimensions="1", Table=name, BreakpointsForDimension1="[0 1 3]",
+                    ExtrapMethod=method)  # fmt: skip
+        drawn.outport(f"y_{name}")
+        drawn.chain(f"u_{name}", name, f"y_{name}")
+    (tmp_path / "init.m").write_text("Eta = [1 2 6]; Phi = [1 2 6];")
+    source, target = drawn.write(tmp_path, DRAWN), tmp_path / "beyond.kf"
+    assert cli.run(["convert", str(source), str(target), "--parameters", str(tmp_path / "init.m")]) == 0
+    u = np.array([-2.0, 0.5, 4.0])
+    columns = {"u_Eta": u, "u_Phi": u}
+    found = evaluate(read_formula(target).graph, columns, read(target.with_suffix(".json")))
+    np.testing.assert_allclose(found["y_Eta"], [-1, 1.5, 8])
+    np.testing.assert_allclose(found["y_Phi"], [1, 1.5, 6])
 
 
 def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):
