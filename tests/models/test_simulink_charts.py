@@ -370,6 +370,32 @@ def test_calls_that_cannot_be_placed_are_refused(state, told, tmp_path):
     assert told in str(caught.value)
 
 
+@pytest.mark.parametrize("first", ["N", "S"])
+def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_begins(first, tmp_path):
+    chart = Chart({"A": "A\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.chart("C", chart, ("u", "th"), ("y", "f()"))
+    inner = drawn.subsystem("S")
+    inner.block("TriggerPort", "call", TriggerType="function-call")
+    inner.inport("a")
+    inner.outport("b")
+    inner.line("a", "b")
+    drawn.inport("u")
+    drawn.block("Gain", "N", Gain="2")
+    for name in sorted(("N", "S"), key=lambda one: one != first):
+        drawn.outport(f"{name}_out")
+    drawn.line("u", "C")
+    drawn.line("C", "N")
+    drawn.line("N", "S", "N_out")
+    drawn.line("C:2", "S#trigger")
+    drawn.line("S", "C:2", "S_out")
+    with pytest.raises(InputError) as caught:
+        imported(drawn, tmp_path)
+    told = str(caught.value)
+    assert "N" in told
+    assert "its settings do not fit" not in told
+
+
 def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsystem_reads_it(tmp_path):
     chart = Chart({"A": "A\ndu: f; y = u;"}, [("", "A", "")], [CALLER[0], CALLER[2]], events=CALL)
     drawn = Model(step="0.1", solver="FixedStepDiscrete")

@@ -104,7 +104,7 @@ class Weaver:
         self.files = FunctionFiles(())
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
-        self._begun: set[Atom] = set()
+        self._begun: dict[Atom, None] = {}  # those that wait for others, the one that waits for all first
         self._pending: list[tuple[Atom, Callable[[], None]]] = []
 
     # order
@@ -155,22 +155,28 @@ class Weaver:
         return [*found, here] if here is not None else found
 
     def _visit(self, root: Atom) -> None:
-        stack = [root]
+        waiting = len(self._begun)  # not none where a block is built that others are built for
+        try:
+            self._walk([root])
+        finally:
+            for atom in list(self._begun)[waiting:]:
+                del self._begun[atom]
+
+    def _walk(self, stack: list[Atom]) -> None:
         while stack:
             atom = stack[-1]
             if atom in self._values:
-                stack.pop()
+                self._begun.pop(stack.pop(), None)
                 continue
-            self._begun.add(atom)
+            self._begun[atom] = None
             missing = [needed for needed in self._needed(atom) if needed not in self._values]
             if not missing:
                 self._values[atom] = self._built(atom)
-                stack.pop()
                 continue
             looped = next((needed for needed in missing if needed in self._begun), None)
             if looped is not None:
-                begun = [one for one in stack if one in self._begun and one not in self._values]
-                self._loop(tuple(dict.fromkeys(begun[begun.index(looped) :])))
+                begun = list(self._begun)
+                self._loop(tuple(begun[begun.index(looped) :]))
             else:
                 stack.extend(reversed(missing))
 
