@@ -18,6 +18,7 @@ from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError
 from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.configuration import asked, settings_of
+from kennfeld.models.simulink.effort import TooLargeError
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -340,7 +341,10 @@ class Work:
             made.files = self.files
             return made
 
-        return settled(make, goals)
+        try:
+            return settled(make, goals)
+        except TooLargeError as error:
+            raise InputError.of(f"{self.path.name} {error.place}".rstrip(), error.what, error.mend) from None
 
     def _stops(self, weaver: Weaver) -> bool:
         return bool(weaver.failures or weaver.loops)
@@ -382,7 +386,10 @@ class Work:
         )  # fmt: skip
 
     def _model(self, weaver: Weaver) -> Model:
-        weaver.finish(self.solver)
+        try:
+            weaver.finish(self.solver)
+        except TooLargeError as error:
+            raise InputError.of(f"{self.path.name} {self.solver}", error.what, error.mend) from None
         names = Names(weaver, self.flat)
         builder, number = _plain(weaver)
         visible = {name: number[at] for name, at in names.visible.items()}
