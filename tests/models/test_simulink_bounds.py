@@ -187,3 +187,16 @@ def test_a_dictionary_whose_sizes_are_no_numbers(tmp_path):
     path.write_text(json.dumps({"__MW_TEXT_COREPROPERTIES__": {}} | content))
     with pytest.raises(InputError, match="is no data dictionary: cannot convert float infinity"):
         read_dictionary(path)
+
+
+def test_sample_times_without_a_common_step_run_at_the_shortest(tmp_path):
+    drawn = Model(solver="ode45")
+    drawn.inport("u")
+    times = [0.1, 0.1137, 0.1337211, 0.1571313]
+    for at, time in enumerate(times):
+        drawn.block("ZeroOrderHold", f"Z{at}", SampleTime=str(time))
+    drawn.outport("y")
+    drawn.chain("u", *(f"Z{at}" for at in range(len(times))), "y")
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert report.step == 0.1
+    assert any("no step hits all sample times: 0.1 s is the shortest" in line for line in report.substitutions)
