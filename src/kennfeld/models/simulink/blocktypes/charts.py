@@ -58,7 +58,7 @@ def _check(given: Chart) -> None:
         raise UnsupportedError("it runs in super steps", _MEND)
     if given.settings.get("initializeOutput", "0") not in ("0", "off"):
         raise UnsupportedError("it begins with new outputs whenever it wakes up", _MEND)
-    ids = [one.id for one in (*given.states, *given.junctions)]
+    ids = [*(state.id for state in given.states), *(junction.id for junction in given.junctions)]
     if "" in ids or len(set(ids)) < len(ids):
         raise UnsupportedError("the file does not tell its states and junctions apart", "Take a complete copy of it.")
     for data in given.data:
