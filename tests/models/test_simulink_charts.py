@@ -7,7 +7,7 @@ from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.importing import simulink
+from kennfeld.models.simulink.importing import import_simulink, simulink
 
 RANDOM = np.random.default_rng(5)
 U = np.round(RANDOM.normal(size=120), 2)
@@ -415,6 +415,17 @@ def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsyst
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
     assert "it changes y, which S/G reads, after it has called f" in str(caught.value)
+
+
+def test_a_called_subsystem_that_needs_what_waits_for_the_chart_is_a_loop(tmp_path):
+    chart = Chart({"A": "A\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
+    drawn = called(chart, "2")
+    drawn.block("Bias", "R", Bias="1")
+    drawn.wires = [wire for wire in drawn.wires if wire.source[0] != "C" or wire.source[2] != 1]
+    drawn.line("C", "R")
+    drawn.line("R", "y_out", "S")
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert any("C: what it calls by f needs R, which needs the chart" in str(one) for one in report.findings)
 
 
 def test_an_event_to_the_outside_changes_its_output_at_an_edge(tmp_path):

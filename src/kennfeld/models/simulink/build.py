@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.graph import CLOCK
-from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.bus_ports import port_label
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.declared import Declared
+from kennfeld.models.simulink.effort import BoundedLoom
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
 from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source, controls, resets
 from kennfeld.models.simulink.integration import Integrated, advance
@@ -34,6 +34,7 @@ __all__ = ["Failure", "Guesses", "Weaver", "settled", "unknown"]
 
 UNFIT = (ValueError, IndexError, TypeError, ArithmeticError, NoValueError)
 _MOST_PASSES = 500
+_MOST_ASKED = 20_000_000  # operations of all passes
 _WIDEST_WISH = 1000
 
 
@@ -85,7 +86,7 @@ class Weaver:
         self.clock = clock
         self.bound = bound
         self.guesses = guesses
-        self.loom = Loom()
+        self.loom = BoundedLoom()
         self.declared = Declared(frozenset(promoted))
         self.expressions = Expressions(self.loom, self.declared)
         self.failures: dict[Atom, Failure] = {}
@@ -118,12 +119,13 @@ class Weaver:
             self._visit(atom)
             for needed in self._all_inputs(atom):
                 self._visit(needed)
+            self.loom.place = atom.path
             try:
                 complete()
             except UnsupportedError as unsupported:
                 self._fail(atom, *unsupported.parts)
             except UNFIT as error:
-                self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
+                self._fail(atom, _unfit(error), "", getattr(error, "undefined", ""))
         self._settle_starts()
 
     def _settle_starts(self) -> None:
@@ -195,7 +197,7 @@ class Weaver:
             self._fail(atom, *unsupported.parts)
             return []
         except UNFIT as error:
-            self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
+            self._fail(atom, _unfit(error), "", getattr(error, "undefined", ""))
             return []
         found = [source.atom for source in sources if source is not None and not self._ahead(source)]
         if atom.kind in ("Held", "Control", "Pass", "DataStoreWrite") or self._resets(atom):
@@ -245,6 +247,7 @@ class Weaver:
 
     def _built(self, atom: Atom) -> tuple[Wired, ...]:
         kind = self.kind(atom)
+        self.loom.place = atom.path
         if atom in self.failures:
             return self._unsound(atom)
         if kind is None:
@@ -255,12 +258,12 @@ class Weaver:
             self._look_for_values(atom, kind)
             return self._unsound(atom)
         try:
-            made = kind.rule(self.site(atom))
+            made = self._ruled(atom, kind)
         except UnsupportedError as unsupported:
             self._fail(atom, *unsupported.parts)
             return self._unsound(atom)
         except UNFIT as error:
-            self._fail(atom, f"its settings do not fit its signals: {str(error)[:200]}")
+            self._fail(atom, _unfit(error), "", getattr(error, "undefined", ""))
             return self._unsound(atom)
         outputs = made if isinstance(made, tuple) else (made,)
         return tuple(self._sampled(atom, wired) for wired in outputs) if kind.held else outputs
@@ -268,12 +271,23 @@ class Weaver:
     def _look_for_values(self, atom: Atom, kind: Kind) -> None:
         """Note a variable without a value behind a block that stops: all of them are told at once."""
         try:
-            kind.rule(self.site(atom))
+            self._ruled(atom, kind)
         except UnsupportedError as unsupported:
             if unsupported.undefined:
                 self._fail(atom, *unsupported.parts)
         except UNFIT:
             return
+
+    def _ruled(self, atom: Atom, kind: Kind) -> Wired | tuple[Wired, ...]:
+        """What a block's rule makes; where it stops half-way, the memories it has begun are not completed."""
+        begun = len(self._pending)
+        try:
+            return kind.rule(self.site(atom))
+        except (UnsupportedError, *UNFIT):
+            for at, (one, _) in enumerate(self._pending[begun:], begun):
+                if one is atom or one is atom.last:
+                    self._pending[at] = (one, lambda: None)  # what stands before it is looked at all the same
+            raise
 
     def _arriving(self, atom: Atom) -> list[Wired]:
         return [self.value(s) for s in atom.inputs if s is not None and (s.atom in self._values or self._ahead(s))]
@@ -463,7 +477,7 @@ class Weaver:
         site.before += 1
         key, first = (site.atom, STATE - site.before), init.nodes
         read = self._read(key, first, 1)
-        self._writes[key] = lambda: self.at_major(x()).nodes
+        self._writes[key] = lambda: resized(self.at_major(x()).nodes, read.shape)
         return Signal(read, CONTINUOUS)
 
     # memory of several passes within a step
@@ -611,7 +625,7 @@ class Weaver:
         shape = self._shape(key, init)
         try:
             first = resized(init.nodes, shape)
-        except ValueError:
+        except NoValueError:
             first = init.nodes
         period = site.period()
         read = Signal(self._read((atom, number), first, latency), period if period else CONTINUOUS)
@@ -713,6 +727,12 @@ class Weaver:
             self.integrated.append(made)
 
 
+def _unfit(error: Exception) -> str:
+    """What a block's settings or signals ran into."""
+    said = str(error)[:200]
+    return said if isinstance(error, NoValueError) else f"its settings do not fit its signals: {said}"
+
+
 def unknown(atom: Atom) -> tuple[str, str]:
     """Why a block of a type that is not in the registry cannot be built, and what would help."""
     if atom.why:
@@ -740,10 +760,14 @@ def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weave
     guesses = Guesses()
     weaver = make(guesses)
     stopped: Weaver | None = None
+    asked = 0
     for _ in range(min(_MOST_PASSES, len(weaver.flat.atoms) + 10)):
+        if asked > _MOST_ASKED:
+            break
         guesses.changed = False
         weaver = make(guesses)
         weaver.demand(goals)
+        asked += weaver.loom.asked
         doubled = guesses.taken | (weaver.inputs.keys() & weaver.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken
         guesses.taken = doubled

@@ -78,7 +78,9 @@ _CONSTANTS: Final = {
 }  # fmt: skip
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
 _ASKING: Final = ("get_param", "eval", "str2num", "str2double")
-_LONGEST: Final = 1_000_000  # elements of an array that an expression makes
+_LONGEST: Final = 200_000  # elements of an array that an expression makes
+_LARGEST: Final = 1_000_000  # elements of an array that stands in a variable, or of one of signals
+_MOST_PRODUCTS: Final = 2_000_000  # of a product of two matrices
 _CASTS: Final = [
     "double",
     "single",
@@ -98,8 +100,14 @@ _CASTS: Final = [
 def each(loom: Loom, op: str, *args: Nodes) -> Nodes:
     """An operation element by element, arrays expanded against each other."""
     spread = np.broadcast_arrays(*args)
+    _bounded(spread[0].size)
     made = [loom.call(op, *(int(a) for a in parts)) for parts in zip(*(a.ravel() for a in spread), strict=True)]
     return np.array(made, dtype=np.int64).reshape(spread[0].shape)
+
+
+def _bounded(size: int) -> None:
+    if size > _LARGEST:
+        raise NoValueError(f"it makes an array of {size} elements, and {_LARGEST} is the most")
 
 
 class Expressions:
@@ -205,6 +213,7 @@ class Expressions:
         """A value as constants of the graph."""
         if not isinstance(value, np.ndarray):
             return value
+        _bounded(value.size)
         made = [self.loom.const(float(number)) for number in value.ravel()]
         return np.atleast_2d(np.array(made, dtype=np.int64).reshape(value.shape))
 
@@ -415,7 +424,7 @@ class _Walk:
     def _shaped(self, name: str, arguments: tuple[m.Expression, ...]) -> Nodes:
         """A function that makes or shapes an array of fixed size."""
         own = 1 if name == "reshape" else 0
-        sizes = [int(n) for part in arguments[own:] if part != m.Matrix(((),)) for n in self._sizes(part)]
+        sizes = [n for part in arguments[own:] if part != m.Matrix(((),)) for n in self._sizes(part)]
         if name == "linspace":
             first, last, count = (*map(self._number, arguments), 100.0)[:3]
             if not 1 <= count <= _LONGEST:
@@ -423,9 +432,9 @@ class _Walk:
             return np.array([[self.loom.const(float(n)) for n in np.linspace(first, last, int(count))]], dtype=np.int64)
         if name == "reshape":
             array = self.nodes(arguments[0])
-            shape = [-1 if part == m.Matrix(()) else int(self._number(part)) for part in arguments[1:]]
+            shape = [-1 if part == m.Matrix(()) else _whole(self._number(part), "a size") for part in arguments[1:]]
             shape = sizes if len(arguments) == 2 else shape
-            if min(shape) < -1 or array.size > _LONGEST:
+            if min(shape, default=-2) < -1 or array.size > _LONGEST:
                 raise NoValueError(f"reshape to {shape}")
             try:
                 return array.reshape(shape, order="F")
@@ -436,9 +445,9 @@ class _Walk:
             raise NoValueError(f"{name} of the size {shape}")
         return np.full(shape, self.loom.const(_SHAPES[name]), dtype=np.int64)
 
-    def _sizes(self, tree: m.Expression) -> list[float]:
+    def _sizes(self, tree: m.Expression) -> list[int]:
         found = self.of.values(_Walk(self.of, self.scope, False, self.names).nodes(tree))
-        return [float(n) for n in found.ravel()]
+        return [_whole(float(n), "a size") for n in found.ravel()]
 
     def _is_array(self, name: str) -> bool:
         return name in self.names or self.scope.find(name) is not None
@@ -453,7 +462,9 @@ class _Walk:
         places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
         if any(place.size != 1 for place in places):
             raise _BeyondGraphError("it takes several elements of an array")
-        at = [int(place.item()) - 1 for place in places]
+        if not places:
+            return array
+        at = [_whole(place.item(), "an index") - 1 for place in places]
         try:
             if min(at) < 0:
                 raise IndexError
@@ -461,6 +472,12 @@ class _Walk:
         except IndexError:
             raise NoValueError(f"the element {[a + 1 for a in at]} is outside of an array of {array.shape}") from None
         return np.array([[element]], dtype=np.int64)
+
+
+def _whole(number: float, what: str) -> int:
+    if not math.isfinite(number) or number != round(number):
+        raise NoValueError(f"{what} is {number:g}, which is no whole number")
+    return int(number)
 
 
 def way_of(tree: m.Expression) -> list[str] | None:
@@ -493,7 +510,10 @@ def _nodes(held: Held, text: str) -> Nodes:
 
 
 def matrix_product(loom: Loom, left: Nodes, right: Nodes) -> Nodes:
-    """The product of two matrices of nodes."""
+    """The product of two matrices of nodes; raises `NoValueError` where it is too large."""
+    products = left.size * right.shape[1]
+    if products > _MOST_PRODUCTS:
+        raise NoValueError(f"a product of matrices takes {products} products of numbers; {_MOST_PRODUCTS} is the most")
     made = np.zeros((left.shape[0], right.shape[1]), dtype=np.int64)
     for row in range(left.shape[0]):
         for column in range(right.shape[1]):

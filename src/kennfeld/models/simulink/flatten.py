@@ -14,6 +14,7 @@ from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.iteration import Plan, element_scope, iterator_of, planned
 from kennfeld.models.simulink.libraries import is_of_simulink
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.scopes import Scope, written_names
 from kennfeld.models.simulink.tree import Block, Endpoint, Ports, System, joined, split
 from kennfeld.models.simulink.variants import active, is_variant, labels_of, member, said, with_choice
@@ -26,6 +27,7 @@ SHOWING = ("Scope", "Display", "ToFile", "XYGraph")
 _SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 _NESTED = ("SubSystem", "ModelReference")
 _MOST = 100_000  # blocks, all instances of libraries counted
+_MOST_INPUTS = 1_000_000  # of all blocks
 
 
 class Source(NamedTuple):
@@ -168,7 +170,7 @@ class Level:
 
     def port(self, kind: str, number: int) -> Block | None:
         """The Inport or Outport block of a number."""
-        return next((b for b in self.system.of(kind) if _number(b) == number), None)
+        return next((b for b in self.system.of(kind) if port_number(b) == number), None)
 
 
 def _original(level: Level, source: Endpoint | None) -> Endpoint | None:
@@ -176,13 +178,8 @@ def _original(level: Level, source: Endpoint | None) -> Endpoint | None:
     block = level.system.by_sid.get(source.block) if source is not None else None
     if source is None or block is None or block.type != "InportShadow":
         return source
-    inport = level.port("Inport", _number(block))
+    inport = level.port("Inport", port_number(block))
     return Endpoint(inport.sid, source.port, source.number) if inport is not None else None
-
-
-def _number(block: Block) -> int:
-    written = (block.value("Port") or "1").strip()
-    return int(written) if written.isdecimal() else 1
 
 
 def flatten(
@@ -205,7 +202,7 @@ def flatten(
     system = in_use(system)
     root = work.level(Level(system, (), scope, None))
     work.connect()
-    ports = {kind: sorted(system.of(kind), key=_number) for kind in ("Inport", "Outport")}
+    ports = {kind: sorted(system.of(kind), key=port_number) for kind in ("Inport", "Outport")}
     inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
     return Flat(work.atoms, inports, outports, work.chosen, work.built)
 
@@ -230,6 +227,7 @@ class _Flattening:
         self.chosen: list[str] = []
         self.built: dict[str, int] = {}
         self.gotos: dict[str, list[tuple[Level, Block]]] = {}
+        self.ends = 0
 
     def level(self, made: Level, parent: Level | None = None, holder: Block | None = None) -> Level:
         """Place the blocks of a level within another one."""
@@ -398,7 +396,7 @@ class _Flattening:
     def _inport(self, level: Level, block: Block) -> None:
         """An inport within a subsystem is but a wire, unless each element gets a part of the signal."""
         plan = level.repeated
-        number = _number(block)
+        number = port_number(block)
         on = plan.block.listed("InputPartition") if plan is not None else ()
         if plan is None or not plan.each or (number <= len(on) and on[number - 1] == "off"):
             return
@@ -467,6 +465,9 @@ class _Flattening:
 
     def _inputs(self, level: Level, sid: str, atom: Atom) -> None:
         count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
+        self.ends += count
+        if self.ends > _MOST_INPUTS:
+            raise OverflowError(f"its blocks have more than {_MOST_INPUTS} inputs")
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
         if atom.kind == "BusElements":
             shared = elements(level.system, "Outport", (atom.block.value("Port") or "1").strip())
@@ -474,7 +475,7 @@ class _Flattening:
             atom.ways = tuple(element_of(one) or "" for one in shared)
         atom.inputs = [self.source(level, end) for end in ends]
         if atom.kind == "BusElement" and level.parent is not None and level.holder is not None:
-            atom.inputs = [self.source(level.parent, Endpoint(level.holder.sid, "in", _number(atom.block)))]
+            atom.inputs = [self.source(level.parent, Endpoint(level.holder.sid, "in", port_number(atom.block)))]
             atom.ways = (element_of(atom.block) or "",)
         if atom.kind == "Chart" and atom.block.system is not None:
             atom.special = {_SPECIAL[port.type]: port for port in atom.block.system.of("TriggerPort")}
@@ -567,7 +568,7 @@ class _Flattening:
             return None, None
         block = level.system.by_sid[source.block]
         if block.type == "Inport" and level.holder is not None and level.parent is not None:
-            return level.parent, Endpoint(level.holder.sid, "in", _number(block))
+            return level.parent, Endpoint(level.holder.sid, "in", port_number(block))
         if block.type == "From":
             goto = self._goto(level, (block.value("GotoTag") or "A").strip())
             return (goto[0], Endpoint(goto[1].sid, "in")) if goto is not None else (None, None)

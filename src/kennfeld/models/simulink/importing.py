@@ -18,6 +18,7 @@ from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError
 from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.configuration import asked, settings_of
+from kennfeld.models.simulink.effort import TooLargeError
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.flatten import Atom, Flat, flatten
@@ -37,6 +38,7 @@ __all__ = ["Imported", "Opened", "Work", "import_simulink", "simulink"]
 
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _MOST_ATTEMPTS = 20  # to count passes within passes
+_LEAST_SHARE = 1e-4  # of the shortest sample time, for a step that hits all of them
 _MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 _CONTINUOUS = {
     "Integrator",
@@ -243,7 +245,7 @@ class Work:
                 self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
         if fixed:
             return solver, Clock(self._fixed_step(periods, continuous), continuous)
-        step = common_step(periods)
+        step = self._common(periods)
         if step is not None:
             self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
         return solver, Clock(step, continuous)
@@ -253,11 +255,21 @@ class Work:
         stated = self._number(text) if text not in ("", "auto") else None
         if stated is not None and stated > 0:
             return stated
-        common = common_step(periods)
+        common = self._common(periods)
         if common is not None or not continuous:
             return common
         start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
         return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
+
+    def _common(self, periods: list[float]) -> float | None:
+        """The longest step that hits all times; the shortest of them where such a step would be absurd."""
+        step = common_step(periods)
+        if step is None or step >= _LEAST_SHARE * min(periods):
+            return step
+        self.substitutions.append(
+            f"no step hits all sample times: {min(periods):g} s is the shortest, others hit behind"
+        )
+        return min(periods)
 
     def _number(self, text: str) -> float | None:
         try:
@@ -340,7 +352,10 @@ class Work:
             made.files = self.files
             return made
 
-        return settled(make, goals)
+        try:
+            return settled(make, goals)
+        except TooLargeError as error:
+            raise InputError.of(f"{self.path.name} {error.place}".rstrip(), error.what, error.mend) from None
 
     def _stops(self, weaver: Weaver) -> bool:
         return bool(weaver.failures or weaver.loops)
@@ -382,7 +397,10 @@ class Work:
         )  # fmt: skip
 
     def _model(self, weaver: Weaver) -> Model:
-        weaver.finish(self.solver)
+        try:
+            weaver.finish(self.solver)
+        except TooLargeError as error:
+            raise InputError.of(f"{self.path.name} {self.solver}", error.what, error.mend) from None
         names = Names(weaver, self.flat)
         builder, number = _plain(weaver)
         visible = {name: number[at] for name, at in names.visible.items()}

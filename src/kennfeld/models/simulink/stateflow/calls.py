@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from kennfeld.models.simulink.flatten import Atom
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.signals import Nodes, Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.stateflow.diagram import Event
@@ -26,7 +27,7 @@ def port_names(atom: Atom, kind: str) -> list[str]:
     system = atom.block.system
     if system is None:
         raise UnsupportedError("the file does not say its ports")
-    ports = sorted(system.of(kind), key=lambda one: int((one.value("Port") or "1").strip() or 1))
+    ports = sorted(system.of(kind), key=port_number)
     return [one.name.removesuffix("()") for one in ports]
 
 
