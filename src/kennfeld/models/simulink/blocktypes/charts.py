@@ -117,7 +117,7 @@ class _Chart:
         if not self.given.execute_at_initialization:
             return {**values, **self._watched({**values, **self._inputs()})}
         begun = self._machine({**values, **self._inputs(before=True), **self._watched({**values, **self._inputs()})})
-        begun.time = self.loom.const(0.0)
+        begun.timing.time = self.loom.const(0.0)
         begun.called = _called_too_early
         self._parallel(begun)
         begun.begin(self.logic.always)
