@@ -52,9 +52,9 @@ def _check(given: Chart) -> None:
     machine = given.settings.get("stateMachineType", "")
     if "MOORE" in machine.upper():
         raise UnsupportedError("it is a Moore chart", _MEND)
-    if any(given.settings.get(key, "0") not in ("0", "off") for key in ("enableSuperStep", "superStep")):
+    if given.settings.get("enableNonTerminalStates", "0") != "0":
         raise UnsupportedError("it runs in super steps", _MEND)
-    if given.settings.get("initializeOutput", "0") not in ("0", "off"):
+    if given.settings.get("initializeOutput", "0") != "0":
         raise UnsupportedError("it begins with new outputs whenever it wakes up", _MEND)
     for data in given.data:
         if data.scope not in _KNOWN or data.message:
