@@ -82,3 +82,11 @@ def test_elements_that_leave_a_conditional_subsystem_are_refused(tmp_path):
     model.line("u", "S#enable")
     with pytest.raises(InputError, match="S/first: it is an output of a conditional subsystem that is made of bus"):
         imported(model, tmp_path)
+
+
+def test_elements_at_a_subsystem_that_runs_several_times_are_refused(tmp_path):
+    model = drawn()
+    inner = model.blocks[4].system
+    inner.block("ForIterator", "For", ports=(0, 1), IterationLimit="3")
+    with pytest.raises(InputError, match="it is a bus element of a subsystem that runs several times in a step"):
+        imported(model, tmp_path)

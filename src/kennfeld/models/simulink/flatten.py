@@ -289,12 +289,15 @@ class _Flattening:
 
     def _element(self, level: Level, block: Block) -> None:
         """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
-        conditional = level.control is not None and level.control.block is level.holder
-        if block.type == "Inport":
-            self._atom(level, block, "BusElement")
-        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
+        why = ""
+        if level.repeated is not None:
+            why = "a bus element of a subsystem that runs several times in a step"
+        elif level.control is not None and level.control.block is level.holder:
             why = "an output of a conditional subsystem that is made of bus elements"
-            self._atom(level, block, "BusElements", why if conditional else "")
+        if block.type == "Inport":
+            self._atom(level, block, "BusElement", why if level.repeated is not None else "")
+        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
+            self._atom(level, block, "BusElements", why)
 
     def _closed(self, block: Block) -> str:
         """Why a subsystem is not looked into; empty where it is."""

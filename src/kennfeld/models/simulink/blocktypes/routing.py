@@ -130,6 +130,8 @@ def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
 @block("BusElement")
 def bus_element(site: Site) -> Wired:
     """An element of the bus that a subsystem takes; the bus itself where none is named."""
+    if site.atom.why:
+        raise UnsupportedError(f"it is {site.atom.why}")
     way = site.atom.ways[0] if site.atom.ways else ""
     return member_of(site, site.wired(0), way) if way else site.wired(0)
 
