@@ -39,6 +39,8 @@ class Block:
     system: "System | None" = None
     signals: dict[int, str] = field(default_factory=dict)
     script: str = ""
+    data: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)
     chart: "Chart | None" = None
     lists: dict[str, list[str]] = field(default_factory=dict)
 
@@ -182,14 +184,15 @@ class System:
         made.instance = instance
         return made
 
-    def function(self, name, script, inputs=("u",), outputs=("y",)):
-        """A MATLAB Function."""
+    def function(self, name, script, inputs=("u",), outputs=("y",), data=None, **settings):
+        """A MATLAB Function; `data` are names with their scopes, `settings` those of its chart."""
         inner = self.subsystem(name, SFBlockType="MATLAB Function")
         for port in inputs:
             inner.inport(port)
         for port in outputs:
             inner.outport(port)
         self.blocks[-1].script = script
+        self.blocks[-1].data, self.blocks[-1].settings = data or {}, settings
         return self.blocks[-1]
 
     def chart(self, name, chart, inputs=("u",), outputs=("y",)):
@@ -483,6 +486,11 @@ def _chart_xml(path, block, number):
         code = f"<eml>{_p('isEML', 1)}{_p('script', block.script)}</eml>"
         content = f'<state SSID="1">{_p("labelString", "eML_blk_kernel()")}{_p("type", "FUNC_STATE")}{code}</state>'
         kind = _p("type", "EML_CHART") + _p("actionLanguage", 2)
+        kind += "".join(_p(*pair) for pair in block.settings.items())
+        content += "".join(
+            f'<data SSID="{at}" name={quoteattr(name)}>{_p("scope", scope)}</data>'
+            for at, (name, scope) in enumerate(block.data.items(), 2)
+        )
     else:
         content, kind = _content_xml(block.chart), "".join(_p(*pair) for pair in block.chart.written().items())
     return f'<chart id="{number}">{_p("name", path)}{kind}<Children>{content}</Children></chart>'
@@ -654,6 +662,7 @@ def _stateflow_braces(model):
         kind = ["type EML_CHART", "actionLanguage 2"]
         if block.chart is not None:
             kind = [f"{key} {_bare(value)}" for key, value in block.chart.written().items()]
+        kind += [_key(*pair) for pair in block.settings.items()]
         content.append(_braces("chart", f"id {chart}", _key("name", path), *kind))
         content += _function_braces(block, chart, base) if block.chart is None else _flat(block.chart, chart, base)
         content.append(_braces("instance", f"id {base + 9000}", _key("name", path), f"chart {chart}"))
@@ -664,7 +673,12 @@ def _function_braces(block, chart, base):
     code = _braces("eml", "isEML 1", _key("script", block.script))
     label = _key("labelString", "eML_blk_kernel()")
     tree = f"treeNode [{chart} 0 0 0]"
-    return [_braces("state", f"id {base + 1}", "ssIdNumber 1", label, tree, f"chart {chart}", "type FUNC_STATE", code)]
+    state = _braces("state", f"id {base + 1}", "ssIdNumber 1", label, tree, f"chart {chart}", "type FUNC_STATE", code)
+    link = f"linkNode [{chart} 0 0]"
+    return [state] + [
+        _braces("data", f"id {base + at}", f"ssIdNumber {at}", _key("name", name), f"scope {scope}", link)
+        for at, (name, scope) in enumerate(block.data.items(), 2)
+    ]
 
 
 def _bare(value):

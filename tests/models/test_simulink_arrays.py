@@ -120,7 +120,7 @@ def test_rows_and_columns_change_places(tmp_path):
         np.testing.assert_array_equal(found, swapped)
     found = gathered(run(imported(wide("Squeeze", ("[2 3]",)), tmp_path), columns(u1=M)))
     np.testing.assert_array_equal(found, M.reshape(N, -1, order="F"))
-    with pytest.raises(InputError, match=r"its Order is \[3, 1, 2\]"):
+    with pytest.raises(InputError, match=r"its Order is \[3 1 2\]"):
         imported(wide("PermuteDimensions", ("[2 3]",), Order="[3 1 2]"), tmp_path)
 
 

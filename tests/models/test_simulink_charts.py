@@ -620,7 +620,7 @@ def test_what_charts_may_not_do_is_told(chart, told, tmp_path):
     with pytest.raises(InputError) as caught:
         imported(drawn_chart(chart), tmp_path)
     assert told in str(caught.value)
-    assert str(caught.value).startswith("model.slx ")
+    assert str(caught.value).startswith(("model.slx C: ", "model.slx variable q: "))
 
 
 def test_a_chart_may_be_imported_by_itself(tmp_path):

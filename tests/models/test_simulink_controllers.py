@@ -212,3 +212,20 @@ def test_slopes_with_respect_to_the_gains(windup, name, tmp_path):
 def test_controllers_that_are_not_supported_say_why(parameters, told, tmp_path):
     with pytest.raises(InputError, match=told):
         imported(drawn_as(2, **parameters), tmp_path)
+
+
+def test_the_old_controllers_of_the_extras(tmp_path):
+    t = 0.1 * np.arange(COUNT)
+    drawn = alone(
+        "Reference", special="PID Controller", model=Model(solver="ode4", step="0.1"), P="1.5", I="2", D="0.3"
+    )
+    found = run(imported(drawn, tmp_path), {"u1": E})["y1"]
+    integral = np.concatenate([[0.0], np.cumsum(E * T)[:-1]])
+    slope = np.concatenate([[0.0], np.diff(E) / T])
+    np.testing.assert_allclose(found, 1.5 * E + 2 * integral + 0.3 * slope, rtol=1e-10, atol=1e-10)
+    drawn = alone("Reference", special="PID(2) Controller", model=Model(solver="ode5", step="0.1"), **WRITTEN)
+    drawn.blocks[0].parameters["SourceBlock"] = (
+        "simulink_extras/Additional\nLinear/PID Controller\n(with Approximate\nDerivative)"
+    )
+    found = run(imported(drawn, tmp_path), {"u1": np.ones(COUNT)})["y1"]
+    np.testing.assert_allclose(found, 1.5 + 2 * t + 0.3 * 4 * np.exp(-4 * t), rtol=1e-4)

@@ -555,8 +555,8 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
     for kind, options, told in (
         (
             "Lookup_n-D",
-            {"NumberOfTableDimensions": "1", "InterpMethod": "Cubic spline"},
-            "InterpMethod is 'Cubic spline'",
+            {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"},
+            "InterpMethod is 'Akima spline'",
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
         ("Delay", {"ShowEnablePort": "on", "ExternalReset": "Rising"}, "it has both an enable and a reset port"),

@@ -486,3 +486,23 @@ def test_real_files_show_their_masks_charts_and_links():
     assert len({frozenset((s.id, s.label, s.parent) for s in chart.states) for chart in charts}) == 1
     assert len({frozenset((t.id, t.label, t.source, t.target) for t in chart.transitions) for chart in charts}) == 1
     assert read_document(DATA / "vehicle_model.slx").solver.reference == "SharedConfig"
+
+
+def test_a_port_that_is_one_element_of_a_bus_says_which(tmp_path):
+    drawn = Model("bus")
+    drawn.inport("In Bus Element")
+    drawn.inport("Plain")
+    path = drawn.write(tmp_path, "slx parts")
+    listed = {"PortNumber": 1, "PortName": "Engine", "Element": "air.p", "IsComposite": 1}
+    entries = "".join(f'<P Name="{name}">{value}</P>' for name, value in listed.items())
+    with zipfile.ZipFile(path) as package:
+        parts = {name: package.read(name).decode() for name in package.namelist()}
+    for name, text in parts.items():
+        given = f'<List ListType="InterfaceData">{entries}</List></Block>'
+        parts[name] = re.sub(r'(Name="In Bus Element".*?)</Block>', lambda m, g=given: m[1] + g, text, flags=re.DOTALL)
+    with zipfile.ZipFile(path, "w") as package:
+        for name, text in parts.items():
+            package.writestr(name, text)
+    element, plain = read_document(path).root.blocks
+    assert [element.value(name) for name in ("IsBusElementPort", "PortName", "Element")] == ["on", "Engine", "air.p"]
+    assert plain.value("IsBusElementPort") is None

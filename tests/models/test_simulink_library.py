@@ -56,6 +56,8 @@ def test_a_continuous_pid_controller_is_its_transfer_function(tmp_path):
 def test_parts_of_a_pid_controller(tmp_path):
     found = run(pid(tmp_path, GAINS, Controller="P", LimitOutput="on", UpperSaturationLimit="1"), {"u1": U})["y1"]
     np.testing.assert_allclose(found, np.minimum(2 * U, 1))
+    with pytest.raises(InputError, match="SatLimitsSource is 'external'"):
+        pid(tmp_path, GAINS, LimitOutput="on", SatLimitsSource="external")
 
 
 def parts(beyond):

@@ -235,3 +235,80 @@ def test_counting_down_stops_at_0(tmp_path):
         ("Decrement Time To Zero", np.maximum(U - 0.1, 0)),
     ):
         np.testing.assert_allclose(linked(kind, tmp_path, [U])["y1"], rule, atol=1e-15)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_inport_may_be_drawn_more_than_once(layout, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.inport("v")
+    drawn.block("InportShadow", "v again", Port="2")
+    inner = drawn.subsystem("S")
+    inner.inport("a")
+    inner.inport("b")
+    inner.block("InportShadow", "b again", Port="2")
+    inner.block("Sum", "T", ports=(3, 1), Inputs="++-")
+    inner.outport("z")
+    for at, name in enumerate(("a", "b", "b again"), 1):
+        inner.line(name, f"T:{at}")
+    inner.line("T", "z")
+    drawn.block("Product", "P", ports=(2, 1))
+    drawn.outport("y")
+    drawn.outport("w")
+    drawn.line("u", "S:1")
+    drawn.line("v", "S:2", "P:1")
+    drawn.line("v again", "P:2")
+    drawn.chain("S", "y")
+    drawn.line("P", "w")
+    found = run(imported(drawn, tmp_path, layout), {"u": U, "v": A})
+    np.testing.assert_allclose(found["y"], U)
+    np.testing.assert_allclose(found["w"], A * A)
+
+
+def test_a_multiport_switch_takes_the_last_port_for_any_other_number(tmp_path):
+    number = np.array([-2.0, 0.0, 0.9, 1.0, 1.9, 2.0, 3.0, 4.0])
+    columns = {"u1": number} | {f"u{at}": np.full(8, 10.0 * at) for at in (2, 3, 4)}
+    found = run(imported(alone("MultiPortSwitch", 4, Inputs=3), tmp_path), columns)["y1"]
+    assert found.tolist() == [40, 40, 40, 20, 20, 30, 40, 40]
+    zero = alone("MultiPortSwitch", 4, Inputs=3, DataPortOrder="Zero-based contiguous")
+    assert run(imported(zero, tmp_path), columns)["y1"].tolist() == [40, 20, 20, 30, 30, 40, 40, 40]
+
+
+@pytest.mark.parametrize("default", ["Last data port", "Additional data port"])
+def test_the_numbers_of_a_multiport_switch_may_be_listed(default, tmp_path):
+    number = np.array([-2.0, 7.0, 3.0, 4.0, 5.5, 1.0])
+    extra = default.startswith("Additional")
+    drawn = alone("MultiPortSwitch", 4, Inputs=2 if extra else 3, DataPortOrder="Specify indices",
+                  DataPortIndices="{[3 -2],5}" if extra else "{[3 -2],5,k}", DataPortForDefault=default)  # fmt: skip
+    columns = {"u1": number} | {f"u{at}": np.full(6, 10.0 * at) for at in (2, 3, 4)}
+    found = run(imported(drawn, tmp_path, parameters=[{"k": 4.0}]), columns)["y1"]
+    assert found.tolist() == [20, 40, 20, 40, 30, 40]
+    with pytest.raises(InputError, match="DataPortIndices is 3, not a list of cases in braces"):
+        imported(alone("MultiPortSwitch", 4, DataPortOrder="Specify indices", DataPortIndices="3"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "inputs", "parameters", "told"),
+    [
+        ("MultiPortSwitch", 1, {}, "it has no data port"),
+        ("Gain", 1, {"Gain": "[]"}, "its Gain is empty"),
+        ("PermuteDimensions", 1, {"Order": "nan"}, "its Order is nan"),
+        ("CombinatorialLogic", 1, {"TruthTable": "[]"}, "a table of 0 rows does not fit 1 inputs"),
+        ("MultiPortSwitch", 3, {"DataPortOrder": "Specify indices", "DataPortIndices": "{1:1e5,2}"}, "are the most"),
+    ],
+)
+def test_settings_that_make_no_sense_are_told(kind, inputs, parameters, told, tmp_path):
+    with pytest.raises(InputError, match=f"B: .*{told}"):
+        imported(alone(kind, inputs, **parameters), tmp_path)
+
+
+def test_what_no_setting_makes_possible_counts_as_unsupported_wherever_it_stands(tmp_path):
+    drawn = alone("Gain", Gain="2")
+    drawn.block("RandomNumber", "Noise", ports=(0, 1))
+    drawn.block("Terminator", "End")
+    drawn.line("Noise", "End")
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert report.whole
+    assert [(one.path, one.why) for one in report.unsupported] == [
+        ("Noise", "its signal is recorded or random and not part of the model")
+    ]

@@ -78,7 +78,7 @@ def test_the_ways_to_choose(labels, settings, gain, tmp_path):
 def scripted(folder):
     (folder / "init.m").write_text(
         "mode = Simulink.VariantControl('Value', 2, 'ActivationTime', 'update diagram');\n"
-        "First = Simulink.Variant('mode == 1');\nSecond = Simulink.Variant; Second.Condition = 'mode == 2';\n"
+        "First = Simulink.VariantExpression('mode == 1');\nSecond = Simulink.Variant; Second.Condition = 'mode == 2';\n"
     )
     return folder / "init.m"
 

@@ -37,7 +37,7 @@ __all__ = [
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
 ENUMERATION = "Simulink.IntEnumType"
-_VARIANT, _CONTROL = "Simulink.Variant", "Simulink.VariantControl"
+_VARIANTS, _CONTROL = ("Simulink.Variant", "Simulink.VariantExpression"), "Simulink.VariantControl"
 _CODER = {"StorageClass": "Auto", "Alias": "", "Identifier": "", "CustomStorageClass": "Default"}
 _PLAIN: Mapping[str, Value] = {
     "Value": EMPTY,
@@ -49,7 +49,7 @@ _PLAIN: Mapping[str, Value] = {
 }
 _KINDS = frozenset(
     {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType"}
-    | {"Variant", "VariantControl"}
+    | {"Variant", "VariantExpression", "VariantControl"}
 )
 _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", "canlib", "lookuptable"})
 
@@ -102,7 +102,7 @@ def is_constructor(path: str) -> bool:
 def made(path: str, arguments: Sequence[Value]) -> Struct:
     """A new object of a class, with the value given to its constructor, if any."""
     fields = defaults(path)
-    if path in (_VARIANT, _CONTROL):
+    if path in (*_VARIANTS, _CONTROL):
         return _variant(path, fields, arguments)
     if arguments and "Value" in fields:
         fields["Value"] = arguments[0]
@@ -110,8 +110,8 @@ def made(path: str, arguments: Sequence[Value]) -> Struct:
 
 
 def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) -> Struct:
-    """A Simulink.Variant of a condition, or a Simulink.VariantControl of properties in pairs."""
-    if path == _VARIANT and arguments:
+    """A Simulink.Variant or VariantExpression of a condition, or a Simulink.VariantControl of properties in pairs."""
+    if path in _VARIANTS and arguments:
         fields["Condition"] = arguments[0]
     for name, value in zip(arguments[::2], arguments[1::2], strict=False):
         if path == _CONTROL and isinstance(name, np.ndarray) and name.dtype.kind == "U" and text(name) in fields:
@@ -134,7 +134,7 @@ def enumeration(arguments: Sequence[Value]) -> tuple[str, Struct]:
 def defaults(kind: str) -> dict[str, Value]:
     """The properties of a new object of a class."""
     name = kind.rpartition(".")[2]
-    if kind == _VARIANT:
+    if kind in _VARIANTS:
         return {"Condition": characters("")}
     if kind == _CONTROL:
         return {"Value": _PLAIN["Value"], "ActivationTime": characters("update diagram")}

@@ -104,6 +104,7 @@ class Builder:
         parameters = {key: value for key, value in keys.items() if key not in _NAMING}
         if instance is not None:
             parameters |= instance.keys
+        parameters |= _bus_element(section)
         self._enumerations(parameters)
         inner = section.first("System")
         chart = self.charts.get(path) if keys.get("SFBlockType", "NONE") != "NONE" else None
@@ -235,6 +236,15 @@ def _lists(section: Section) -> dict[str, tuple[str, ...]]:
     found = {name: tuple(one.text for one in part.parts if not one.parts) for name, part in arrays.items()}
     given = {part.keys.get("ListType", ""): part.keys for part in section.all("List")}
     return found | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in given.items()}
+
+
+def _bus_element(section: Section) -> dict[str, str]:
+    """What packages say in a list of a port that several blocks share, as the parameters that braces have for it."""
+    lists = (one.keys for one in section.all("List") if one.keys.get("ListType") == "InterfaceData")
+    said = next(lists, {})
+    if said.get("IsComposite") != "1":
+        return {}
+    return {"IsBusElementPort": "on", "Element": said.get("Element", ""), "PortName": said.get("PortName", "")}
 
 
 def _reference(kind: str, parameters: Mapping[str, str], instance: Section | None) -> Reference | None:

@@ -14,6 +14,8 @@ import numpy as np
 from kennfeld.graph import CLOCK
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
+from kennfeld.models.simulink.bus_ports import port_label
+from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions, NoValueError, each
 from kennfeld.models.simulink.flatten import STATE, Atom, Flat, Source, controls, resets
@@ -99,6 +101,7 @@ class Weaver:
         self._written: dict[tuple[Atom, int], Nodes] = {}
         self.counts: dict[str, int] = {}
         self.inputs: dict[str, Atom | None] = {}
+        self.files = FunctionFiles(())
         self._values: dict[Atom, tuple[Wired, ...]] = {}
         self._sites: dict[Atom, Site] = {}
         self._begun: set[Atom] = set()
@@ -296,7 +299,7 @@ class Weaver:
 
     def input_name(self, atom: Atom) -> str:
         """The name of the channel that a port takes."""
-        name = atom.block.name if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
+        name = port_label(atom.block) if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
         if name in self.guesses.taken or name in CLOCK:
             name = f"{name}_in"
         self.inputs[name] = atom
@@ -359,8 +362,10 @@ class Weaver:
         """An output as it is with the block's own sample time: held between its hits."""
         remembers = self.site(atom).memories > 0
         rate = self.rate(atom) or (Rate(self.guessed_period(atom)) if remembers else None)
-        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, Bus):
+        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, OpenBus):
             return wired
+        if isinstance(wired, Bus):
+            return Bus({name: self._sampled(atom, member) for name, member in wired.members.items()})
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
         return self._held(atom, wired, rate)

@@ -1,7 +1,7 @@
-"""Data dictionaries (`.sldd`): a zip whose `data/chunk*.xml` state the variables of a design.
+"""Data dictionaries (`.sldd`): a zip whose `data/chunk*.xml` state the variables of a design, or the same as text.
 
-The format is not published; what is read here is what dictionaries of R2014a to R2026a hold. Matrices are written
-column by column.
+The format is not published; what is read here is what dictionaries of R2014a and later hold. Matrices are written
+column by column, in the text format row by row.
 """
 
 import binascii
@@ -19,6 +19,7 @@ from kennfeld.models.simulink.enumerations import enumerals
 from kennfeld.models.simulink.package import Package, is_zip, zip_package
 from kennfeld.models.simulink.section import Section
 from kennfeld.models.simulink.settings import solver_from
+from kennfeld.models.simulink.text_dictionary import is_text_dictionary, text_chunks
 from kennfeld.models.simulink.tree import Solver
 from kennfeld.models.simulink.trouble import Trouble
 from kennfeld.models.simulink.workspace import mxarray_value
@@ -109,17 +110,18 @@ def _one(path: Path) -> Dictionary:
     except OSError as error:
         raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
     if not is_zip(raw):
-        if b"__MW_TEXT_PARTS__" in raw[:65536]:
-            mend = "Save it in the compressed binary format."
-            raise InputError.of(path.name, "is a data dictionary in the text format of R2026b and later", mend)
+        if is_text_dictionary(raw):
+            roots = text_chunks(raw, trouble)
+            trouble.settle()
+            return _dictionary(path, roots)
         raise InputError.of(path.name, "is no data dictionary", _MEND)
     package = zip_package(raw, trouble)
     chunks = sorted(name for name in package.names() if name.startswith("data/chunk") and name.endswith(".xml"))
     if not chunks and not trouble.errors:
         trouble.error("", "is no data dictionary: it has no part data/chunk0.xml", _MEND)
-    roots = [_chunk(package, name) for name in chunks]
+    read = [_chunk(package, name) for name in chunks]
     trouble.settle()
-    return _dictionary(path, [root for root in roots if root is not None])
+    return _dictionary(path, [root for root in read if root is not None])
 
 
 def _chunk(package: Package, name: str) -> Section | None:

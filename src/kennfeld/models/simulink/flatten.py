@@ -9,12 +9,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from kennfeld.models.simulink.bus_ports import element_of, elements
 from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.iteration import Plan, element_scope, iterator_of, planned
 from kennfeld.models.simulink.libraries import is_of_simulink
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
+from kennfeld.models.simulink.scopes import Scope, written_names
+from kennfeld.models.simulink.tree import Block, Endpoint, Ports, System, joined, split
 from kennfeld.models.simulink.variants import active, is_variant, labels_of, member, said, with_choice
 
 __all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "controls", "flatten", "member_names", "resets"]
@@ -42,7 +43,10 @@ class Atom:
     the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
     around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
     blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name. `why` says why it cannot be built, `undefined` which variable has no value then.
+    block reads or writes by its name, `ways` are the elements of a bus that it stands for; `shared` are the memories
+    that code uses, by name: what it reads is an input behind its ports, what it leaves an output behind them; blocks
+    that are `made` for that read and write the stores. `why` says why it cannot be built, `undefined` which variable
+    has no value then.
 
     In a subsystem that runs several times in a step, `passes` are the passes that it belongs to, of each such subsystem
     around it; `earlier` and `later` are the same block one pass before and behind. `begins` is set in a first pass
@@ -62,12 +66,15 @@ class Atom:
     undefined: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
     store: "Atom | None" = None
+    shared: tuple[str, ...] = ()
+    made: bool = False
     passes: tuple[int, ...] = ()
     element: int = 0
     earlier: "Atom | None" = None
     later: "Atom | None" = None
     begins: bool = False
     hidden: bool = False
+    ways: tuple[str, ...] = ()
 
     @property
     def repeats(self) -> bool:
@@ -164,6 +171,15 @@ class Level:
         return next((b for b in self.system.of(kind) if _number(b) == number), None)
 
 
+def _original(level: Level, source: Endpoint | None) -> Endpoint | None:
+    """The end of the inport itself, where a line begins at another mark of the same inport."""
+    block = level.system.by_sid.get(source.block) if source is not None else None
+    if source is None or block is None or block.type != "InportShadow":
+        return source
+    inport = level.port("Inport", _number(block))
+    return Endpoint(inport.sid, source.port, source.number) if inport is not None else None
+
+
 def _number(block: Block) -> int:
     written = (block.value("Port") or "1").strip()
     return int(written) if written.isdecimal() else 1
@@ -229,13 +245,15 @@ class _Flattening:
             self._atom(level, block, "Bound")
         elif is_variant(block):
             self._variant(level, block)
+        elif level.parent is not None and element_of(block) is not None:
+            self._element(level, block)
         elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
             self._enter(level, block, block.system)
         elif block.type == "Goto":
             self.gotos.setdefault((block.value("GotoTag") or "A").strip(), []).append((level, block))
         elif block.type == "Inport" and level.parent is not None:
             self._inport(level, block)
-        elif block.type in ("From", "GotoTagVisibility") or block.type in _SPECIAL:
+        elif block.type in ("From", "GotoTagVisibility", "InportShadow") or block.type in _SPECIAL:
             pass
         elif block.type == "Outport" and level.parent is not None:
             if level.control is not None and level.control.block is level.holder and level.repeated is None:
@@ -268,6 +286,18 @@ class _Flattening:
         if at is not None:
             level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
         self._atom(level, block, "Inactive")
+
+    def _element(self, level: Level, block: Block) -> None:
+        """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
+        why = ""
+        if level.repeated is not None:
+            why = "a bus element of a subsystem that runs several times in a step"
+        elif level.control is not None and level.control.block is level.holder:
+            why = "an output of a conditional subsystem that is made of bus elements"
+        if block.type == "Inport":
+            self._atom(level, block, "BusElement", why if level.repeated is not None else "")
+        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
+            self._atom(level, block, "BusElements", why)
 
     def _closed(self, block: Block) -> str:
         """Why a subsystem is not looked into; empty where it is."""
@@ -404,9 +434,28 @@ class _Flattening:
                 control = below.control
                 if control is not None and control.block is below.holder:
                     control.inputs = [self._controlling(level, sid, port) for port in control.special]
-
+            for atom in [one for one in level.atoms.values() if one.kind == "MATLAB Function"]:
+                self._share(level, atom)
         for atom, ends in self.joints:
             atom.inputs = [end if isinstance(end, Source) else self.source(*end) for end in ends]
+
+    def _share(self, level: Level, atom: Atom) -> None:
+        """Blocks that read and write the data stores of code for it."""
+        data = atom.block.chart.data if atom.block.chart is not None and not atom.passes else ()
+        atom.shared = tuple(one.name for one in data if one.scope == "DATA_STORE_MEMORY_DATA")
+        written = written_names(atom.block.script) if atom.shared else frozenset()
+        outputs = sum(one.scope == "OUTPUT_DATA" for one in data)
+        for at, name in enumerate(atom.shared):
+            atom.inputs.append(Source(self._access(level, atom, "DataStoreRead", name), 0))
+            if name in written:
+                self._access(level, atom, "DataStoreWrite", name).inputs.append(Source(atom, outputs + at))
+
+    def _access(self, level: Level, atom: Atom, kind: str, name: str) -> Atom:
+        block = Block(kind, name, "", f"{atom.block.path}/{name}", {"DataStoreName": name}, ports=Ports())
+        made = Atom(kind, block, f"{atom.path}/{name}", level.scope, level.control, places=atom.places, made=True)
+        made.store = _store(level, block)
+        self.atoms.append(made)
+        return made
 
     def _controlling(self, level: Level, sid: str, port: str) -> Source | None:
         """The source at a special port; that of a variant is at the subsystem around it."""
@@ -419,7 +468,14 @@ class _Flattening:
     def _inputs(self, level: Level, sid: str, atom: Atom) -> None:
         count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
+        if atom.kind == "BusElements":
+            shared = elements(level.system, "Outport", (atom.block.value("Port") or "1").strip())
+            ends = [Endpoint(one.sid, "in") for one in shared]
+            atom.ways = tuple(element_of(one) or "" for one in shared)
         atom.inputs = [self.source(level, end) for end in ends]
+        if atom.kind == "BusElement" and level.parent is not None and level.holder is not None:
+            atom.inputs = [self.source(level.parent, Endpoint(level.holder.sid, "in", _number(atom.block)))]
+            atom.ways = (element_of(atom.block) or "",)
         if atom.kind == "Chart" and atom.block.system is not None:
             atom.special = {_SPECIAL[port.type]: port for port in atom.block.system.of("TriggerPort")}
             ends += [Endpoint(sid, kind) for kind in atom.special]
@@ -497,7 +553,7 @@ class _Flattening:
         seen: set[tuple[int, Endpoint]] = set()
         while here is not None and at is not None and (id(here), at) not in seen:
             seen.add((id(here), at))
-            source = here.sources.get(at)
+            source = _original(here, here.sources.get(at))
             if source is None:
                 return
             yield here, source

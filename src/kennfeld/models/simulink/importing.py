@@ -14,8 +14,9 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
+from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, opaque
 from kennfeld.models.simulink.build import Failure, Guesses, Weaver, settled, unknown
+from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.configuration import asked, settings_of
 from kennfeld.models.simulink.expressions import Expressions, NoValueError
 from kennfeld.models.simulink.files import read_document
@@ -40,6 +41,8 @@ _MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 _CONTINUOUS = {
     "Integrator",
     "PID 1dof",
+    "PID Controller",
+    "PID Controller (with Approximate Derivative)",
     "PID 2dof",
     "SecondOrderIntegrator",
     "StateSpace",
@@ -99,24 +102,31 @@ def import_simulink(
 
 @dataclass(frozen=True)
 class Opened:
-    """A file that has been read, its links followed; `models` are the names that referenced models see."""
+    """A file that has been read, its links followed.
+
+    `models` are the names that referenced models see, `files` the functions beside it that code may call.
+    """
 
     path: Path
     document: Document
     variables: Variables
     models: Mapping[str, Scope]
     remarks: tuple[str, ...]
+    files: FunctionFiles
 
     @staticmethod
     def of(path: str | Path, parameters: Iterable[Given] = (), folders: Iterable[str | Path] = ()) -> "Opened":
         """The file, with values for its variables; raises `InputError` where it cannot be read."""
+        parameters, folders = tuple(parameters), tuple(folders)
         resolved = Libraries(folders).resolve(read_document(path))
         document = resolved.document
         variables = variables_of(document, parameters)
         models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
         remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
         variables.update(asked(document, variables))
-        return Opened(Path(path), document, variables, models, remarks)
+        named = [Path(one) for one in parameters if isinstance(one, str | Path)]
+        files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
+        return Opened(Path(path), document, variables, models, remarks, files)
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
         """The system of a path, the names it sees, and its whole path; raises `InputError` where there is none."""
@@ -188,7 +198,7 @@ class Work:
         step: float | None = None,
     ) -> None:
         self.path, self.document, self.variables = opened.path, opened.document, opened.variables
-        self.cuts, self.promote = cuts, promote
+        self.cuts, self.promote, self.files = cuts, promote, opened.files
         self._opened, self._system, self._scope = opened, system, scope
         self.flat = self._flat({})
         self.remarks = list(opened.remarks)
@@ -326,7 +336,9 @@ class Work:
             raise InputError.of(self.path.name, what, "Import a subsystem.")
 
         def make(guesses: Guesses) -> Weaver:
-            return Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+            made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+            made.files = self.files
+            return made
 
         return settled(make, goals)
 
@@ -345,7 +357,7 @@ class Work:
 
     def report(self, weaver: Weaver) -> ImportReport:
         """What became of the blocks."""
-        atoms = [atom for atom in self.flat.atoms if atom.kind not in _MADE and not atom.hidden]
+        atoms = [atom for atom in self.flat.atoms if atom.kind not in _MADE and not (atom.hidden or atom.made)]
         failures: dict[str, Failure] = {}
         for failure in weaver.failures.values():  # that of one pass stands for those of all
             failures.setdefault(failure.atom.path, failure)
@@ -354,9 +366,9 @@ class Work:
         ]
         seen = {one.path for one in unsupported}
         unsupported += [
-            Unsupported(atom.path, atom.block.type, *unknown(atom), False)
+            Unsupported(atom.path, atom.block.type, *_refusal(weaver, atom), False)
             for atom in atoms
-            if atom.kind not in KINDS and atom.path not in seen
+            if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
         undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
@@ -391,6 +403,18 @@ class Work:
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
         )
+
+
+def _refusal(weaver: Weaver, atom: Atom) -> tuple[str, str]:
+    """Why a block of a type that is not built cannot be, and what would help."""
+    kind = KINDS.get(atom.kind)
+    if kind is None:
+        return unknown(atom)
+    try:
+        kind.rule(weaver.site(atom))
+    except UnsupportedError as unsupported:
+        return unsupported.what, unsupported.mend
+    return unknown(atom)
 
 
 def _block_of(key: str) -> str:

@@ -2,6 +2,7 @@
 
 from kennfeld.graph import CLOCK
 from kennfeld.models.simulink.build import Weaver
+from kennfeld.models.simulink.bus_ports import port_label
 from kennfeld.models.simulink.flatten import SHOWING, Atom, Flat
 from kennfeld.models.simulink.signals import leaves
 
@@ -33,7 +34,7 @@ class Names:
     def _inside(self, flat: Flat) -> None:
         """The signals within: those with a name of their own first."""
         skipped = {"Outport", "Inport", "Constant", "Ground", "Control", "Mux", "Demux", "BusCreator", "BusSelector"}
-        skipped |= {"Pass", "Part", *SHOWING}
+        skipped |= {"Pass", "Part", "BusElement", "BusElements", *SHOWING}
         shown = [atom for atom in flat.atoms if atom.kind not in skipped and not atom.hidden]
         rest = [atom for atom in shown if self.weaver.outputs(atom)]
         for atom in rest:
@@ -77,7 +78,7 @@ class Names:
 def _results(atom: Atom) -> list[tuple[int, str]]:
     """The signals of an outport, or of a block that records or shows some, with their names."""
     if atom.kind == "Outport":
-        return [(0, atom.block.name)]
+        return [(0, port_label(atom.block))]
     if atom.kind == "ToWorkspace":
         return [(0, atom.block.value("VariableName") or atom.path)]
     ports = [(port, source) for port, source in enumerate(atom.inputs) if source is not None]

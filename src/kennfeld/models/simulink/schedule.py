@@ -43,8 +43,8 @@ def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate
 
 
 def _of_chart(atom: Atom) -> str:
-    """The sample time of a chart that runs by itself."""
-    chart = atom.block.chart if atom.kind == "Chart" else None
+    """The sample time of a chart or function that runs by itself."""
+    chart = atom.block.chart if atom.kind in ("Chart", "MATLAB Function") else None
     return chart.sample_time if chart is not None and chart.update == "DISCRETE" else ""
 
 

@@ -13,7 +13,7 @@ from kennfeld.matlab.printing import printed
 from kennfeld.models.simulink.tree import Block
 from kennfeld.parameters import Axis
 
-__all__ = ["Array", "Coded", "Masked", "Scope", "Value", "Variable", "plain"]
+__all__ = ["Array", "Coded", "Masked", "Scope", "Value", "Variable", "plain", "written_names"]
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
@@ -137,6 +137,13 @@ def assigned_names(statement: m.Statement) -> frozenset[str]:
             bodies = [*(one for branch in branches for one in branch.body), *otherwise]
             return frozenset().union(*map(assigned_names, bodies))
     return frozenset()
+
+
+def written_names(code: str) -> frozenset[str]:
+    """The variables that a text of functions gives values to."""
+    script, _ = read_script(code)
+    bodies = [one.body for one in script.functions]
+    return frozenset(name for body in bodies for statement in body for name in assigned_names(statement))
 
 
 def _base(target: m.Expression | None) -> str:

@@ -6,9 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.errors import InputError
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions import NoValueError, each
 from kennfeld.models.simulink.flatten import STATE, Atom
@@ -29,7 +26,7 @@ from kennfeld.models.simulink.unsupported import UnsupportedError
 if TYPE_CHECKING:
     from kennfeld.models.simulink.build import Weaver
 
-__all__ = ["Site", "Then", "as_vector", "cases_of", "resized"]
+__all__ = ["Site", "Then", "as_vector", "resized"]
 
 Then = Callable[[Signal], Signal]
 
@@ -76,8 +73,10 @@ class Site:
 
     def parameter(self, name: str, otherwise: str | None = None) -> Signal:
         """A parameter as a signal, vectors of one row or column as vectors; named variables stay parameters."""
-        text = self.text(name, otherwise)
-        return Signal(as_vector(self._array(name, text)), CONSTANT)
+        nodes = self._array(name, self.text(name, otherwise))
+        if not nodes.size:
+            raise UnsupportedError(f"its {name} is empty")
+        return Signal(as_vector(nodes), CONSTANT)
 
     def matrix(self, name: str) -> Nodes:
         """A parameter as a matrix of nodes, Int[rows, columns]."""
@@ -301,23 +300,6 @@ class Site:
 
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
-
-
-def cases_of(site: Site, name: str) -> list[list[float]]:
-    """A parameter that lists cases, `{1, [2 3], Gear.First}`: the values of each."""
-    text = site.text(name)
-    try:
-        tree = parse_expression(text)
-    except InputError:
-        tree = m.Number(0.0)
-    if not isinstance(tree, m.CellArray):
-        raise UnsupportedError(f"{name} is {text[:60]}, not a list of cases")
-    elements = [element for row in tree.rows for element in row]
-    try:
-        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope) for one in elements]
-    except NoValueError as error:
-        raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
-    return [[float(n) for n in numbers.ravel()] for numbers in found]
 
 
 def as_vector(nodes: Nodes) -> Nodes:

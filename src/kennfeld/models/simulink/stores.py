@@ -36,8 +36,13 @@ class Stores:
         for writers in self.writers.values():
             writers.sort(key=cmp_to_key(first_of))
         self.undecided = [
-            (writer, reader) for reader in readers for writer in self._of(reader) if not first_of(writer, reader)
+            (writer, reader) for reader in readers for writer in self._of(reader) if self._open(writer, reader)
         ]
+
+    @staticmethod
+    def _open(writer: Atom, reader: Atom) -> bool:
+        """Whether no priority says which runs first; code reads what it writes itself before it does."""
+        return not first_of(writer, reader) and writer.places != reader.places
 
     def _of(self, reader: Atom) -> list[Atom]:
         return self.writers.get(reader.store, []) if reader.store is not None else []

@@ -121,6 +121,12 @@ def bias(site: Site) -> Wired:
     return site.call("add", site.input(), site.parameter("Bias"))
 
 
+@block("Slider Gain", "SliderGain", linked=True, low="0", gain="1", high="2")
+def slider_gain(site: Site) -> Wired:
+    """The input times where a slider stands."""
+    return site.call("mul", site.parameter("gain"), site.input())
+
+
 @block("UnaryMinus", "Unary Minus")
 def unary_minus(site: Site) -> Wired:
     """The input with the other sign."""

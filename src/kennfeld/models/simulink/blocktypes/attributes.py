@@ -16,9 +16,9 @@ def like_another(site: Site) -> Wired:
     return site.wired(1)
 
 
-@block("Scaling Strip", "Data Type Scaling Strip", linked=True)
+@block("Scaling Strip", "Data Type Scaling Strip", linked=True, refused=True)
 def stripped(site: Site) -> Wired:
-    """The input itself, where it has no scaling that could be taken away."""
+    """The stored number of a fixed-point number, which is not known."""
     raise UnsupportedError("it takes the scaling of a fixed-point number away, and number types are left aside")
 
 
@@ -91,13 +91,13 @@ def _parts(site: Site, parts: dict[str, Signal], both: str) -> tuple[Wired, ...]
     return tuple(part for name, part in parts.items() if wanted in (name, both))
 
 
-@block("RealImagToComplex", "MagnitudeAngleToComplex")
+@block("RealImagToComplex", "MagnitudeAngleToComplex", refused=True)
 def to_complex(site: Site) -> Wired:
     """A complex signal, which the graph does not know."""
     raise UnsupportedError("its output is complex, and the graph is real", "Bind what is computed from it.")
 
 
-@block("Algebraic Constraint", "AlgebraicConstraint")
+@block("Algebraic Constraint", "AlgebraicConstraint", refused=True)
 def algebraic_constraint(site: Site) -> Wired:
     """A value that makes another one 0, which would have to be searched for in each step."""
     raise UnsupportedError(
@@ -125,7 +125,7 @@ def note(site: Site) -> Wired:
     return site.constant()
 
 
-@block("HitCross")
+@block("HitCross", refused=True)
 def hit_crossing(site: Site) -> Wired:
     """Whether a signal crosses a value, which depends on the steps that a solver takes to find that."""
     raise UnsupportedError(
@@ -133,7 +133,7 @@ def hit_crossing(site: Site) -> Wired:
     )
 
 
-@block("MATLABFcn", "Interpreted MATLAB Function", MATLABFcn="sin")
+@block("MATLABFcn", "Interpreted MATLAB Function", refused=True, MATLABFcn="sin")
 def interpreted(site: Site) -> Wired:
     """A function that MATLAB would run in each step."""
     called = re.sub(r"\s+", " ", site.text("MATLABFcn"))[:60]

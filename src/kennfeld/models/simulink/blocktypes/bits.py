@@ -25,6 +25,8 @@ def bitwise_operator(site: Site) -> Wired:
     kind = site.chosen("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
     word = _word(site) if kind in ("NOT", "NAND", "NOR") else None
     inputs = [site.call("floor", one) for one in site.inputs]
+    if not inputs:
+        raise UnsupportedError("it has no input")
     if kind == "NOT":
         return _complement(site, inputs[0], word)
     op = {"NAND": "AND", "NOR": "OR"}.get(kind, kind)

@@ -68,7 +68,7 @@ def discrete_zero_pole(site: Site) -> Wired:
 @block("Lead or Lag Compensator", "Transfer Fcn Lead or Lag", linked=True, PoleZ="0.95", ZeroZ="0.75",
        ICPrevOutput="0.0", ICPrevInput="0.0")  # fmt: skip
 def lead_or_lag(site: Site) -> Wired:
-    """Y = p y1 + u - z u1, with the output and the input of the hit before."""
+    """The input less z times that of the hit before, and p times the output of the hit before."""
     made: list[Signal] = []
     before = site.remember(site.parameter("ICPrevOutput"), lambda _: made[0])
     made.append(site.call("add", site.call("mul", site.parameter("PoleZ"), before), _with_zero(site)))
@@ -77,7 +77,7 @@ def lead_or_lag(site: Site) -> Wired:
 
 @block("Transfer Fcn Real Zero", linked=True, ZeroZ="0.75", ICPrevInput="0.0")
 def real_zero(site: Site) -> Wired:
-    """Y = u - z u1, with the input of the hit before."""
+    """The input less z times that of the hit before."""
     return _with_zero(site)
 
 

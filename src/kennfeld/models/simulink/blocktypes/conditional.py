@@ -3,11 +3,12 @@
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal
+from kennfeld.models.simulink.blocktypes.places import cases_of
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.expressions import NoValueError, fold
 from kennfeld.models.simulink.flatten import Source, resets
 from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired
-from kennfeld.models.simulink.site import Site, cases_of
+from kennfeld.models.simulink.site import Site
 
 __all__ = ["restart"]
 

@@ -7,6 +7,8 @@ keeps the integral from winding up at them, resets, and the tracking of another 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.signals import Signal, Wired
@@ -256,3 +258,30 @@ class _Controller:
 
 def _slope(site: Site, n: Signal, u: Signal, x: Signal) -> Signal:
     return site.call("mul", n, site.call("sub", u, x))
+
+
+@block("PID Controller", linked=True, P="1", I="1", D="0")
+def old_pid(site: Site) -> Wired:
+    """The controller of Simulink's extras: P e + I integral(e) + D times the change of e over a major step."""
+    e = site.input()
+    u = site.discrete(e)
+    change = site.call("sub", u, site.remember(u, lambda _: u))
+    return _old_sum(site, e, site.call("mul", site.parameter("D"), site.call("div", change, _major_step(site))))
+
+
+@block("PID Controller (with Approximate Derivative)", linked=True, P="1", I="1", D="0", N="100")
+def old_pid_with_filter(site: Site) -> Wired:
+    """As `old_pid`, with the derivative D s / (s/N + 1)."""
+    e, n = site.input(), site.parameter("N")
+    x = site.integrate(site.constant(0.0), lambda x: _slope(site, n, e, x), None, None)
+    return _old_sum(site, e, site.call("mul", site.parameter("D"), _slope(site, n, e, x)))
+
+
+def _old_sum(site: Site, e: Signal, derivative: Signal) -> Signal:
+    scaled = site.call("mul", site.parameter("I"), e)
+    integral = site.integrate(site.constant(0.0), lambda _: scaled, None, None)
+    return site.fold("add", [site.call("mul", site.parameter("P"), e), integral, derivative])
+
+
+def _major_step(site: Site) -> Signal:
+    return Signal(np.array([site.loom.input("dt")], dtype=np.int64))

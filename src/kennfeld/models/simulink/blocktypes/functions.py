@@ -1,131 +1,227 @@
-"""MATLAB Function blocks: assignments, decisions, loops with fixed bounds, and elementary functions.
+"""MATLAB Function blocks: their code as a graph."""
 
-Both sides of a decision are built; each variable then takes the side whose condition holds. Loops are unrolled.
-"""
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
 
 import numpy as np
 
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.expressions import NoValueError, each
-from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
+from kennfeld.models.simulink.code.body import GLOBAL
+from kennfeld.models.simulink.code.errors import EndedError
+from kennfeld.models.simulink.code.parameters import parameter, parameter_number
+from kennfeld.models.simulink.code.persistent import Key, Memories, Memory, Scout, declares, later, memories
+from kennfeld.models.simulink.code.values import Held, Unclear, field_of
+from kennfeld.models.simulink.named import named_text
+from kennfeld.models.simulink.scopes import Array, written_names
+from kennfeld.models.simulink.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, as_vector
+from kennfeld.parameters import Axis
 
-_MOST_STATEMENTS = 20_000
-_MEND = "Draw it as blocks, or bind its outputs."
+__all__ = ["desk_of"]
+
+_MEND: Final = "Draw it as blocks, or bind its outputs."
+_GIVE: Final = "Give it among the parameters: a script, a .mat, .sldd or calibration file."
+_BLOCK: Final = "the function of the block"
+_MOST_ROUNDS: Final = 20
+_PARAMETER: Final = "PARAMETER_DATA"
 
 
 @block("MATLAB Function")
 def matlab_function(site: Site) -> tuple[Wired, ...]:
     """What the function's results are, in the order in which it names them."""
     try:
+        return _outputs(site)
+    except CodeError as error:
+        raise UnsupportedError(str(error), error.mend) from None
+    except EndedError:
+        raise UnsupportedError("its code ends in an error in every case", _MEND) from None
+    except RecursionError:
+        raise UnsupportedError("its code is nested too deeply", _MEND) from None
+
+
+def _outputs(site: Site) -> tuple[Wired, ...]:
+    script = _script(site)
+    function = script.functions[0]
+    desk = desk_of(site, {one.name: one for one in script.functions[1:]})
+    given = _given(site, function)
+    work = _Call(site, desk, function, given)
+    results = work.results()
+    period = fastest([site.wired(at).period for at in range(_ports(site))])
+    period = 0.0 if site.memories and period == CONSTANT else period
+    shown = _shown(site)
+    named = zip(function.results, results, strict=False)
+    made = [one for name, one in named if not shown or name in shown]
+    return tuple(_wired(one, period) for one in (*made, *work.left))
+
+
+def _script(site: Site) -> m.Script:
+    try:
         script = parse_script(site.atom.block.script, site.atom.path)
     except InputError as error:
         raise UnsupportedError(str(error.findings[0]), _MEND) from None
     if not script.functions or script.statements:
         raise UnsupportedError("its code is no function", _MEND)
-    function, inputs = script.functions[0], site.inputs
-    names = {name: _matrix(one.nodes) for name, one in zip(function.parameters, inputs, strict=False)}
-    work = _Body(site, names)
-    work.run(function.body)
-    period = fastest([one.period for one in inputs])
-    return tuple(work.result(name, period) for name in function.results)
+    return script
 
 
-def _matrix(nodes: Nodes) -> Nodes:
-    return nodes.reshape(-1, 1) if nodes.ndim == 1 else nodes
+def _ports(site: Site) -> int:
+    """How many of its inputs are ports; the others are data stores."""
+    return site.count - len(site.atom.shared)
 
 
-class _Body:
-    """The statements of a function, and its variables so far."""
+def _shown(site: Site) -> set[str]:
+    """The results that are outputs, where the block says which are."""
+    chart = site.atom.block.chart
+    return {one.name for one in chart.data if one.scope == "OUTPUT_DATA"} if chart is not None else set()
 
-    def __init__(self, site: Site, names: dict[str, Nodes], done: list[int] | None = None) -> None:
-        self.site = site
-        self.names = names
-        self.done = done if done is not None else [0]
 
-    def run(self, body: tuple[m.Statement, ...]) -> None:
-        """Follow statements."""
-        for statement in body:
-            self.done[0] += 1
-            if self.done[0] > _MOST_STATEMENTS:
-                raise UnsupportedError(f"its code unfolds to more than {_MOST_STATEMENTS} statements", _MEND)
-            self._statement(statement)
+def desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
+    """What the code of a block shares."""
+    expressions, scope = site.weaver.expressions, site.atom.scope
 
-    def result(self, name: str, period: float) -> Signal:
-        """A variable as an output."""
-        if name not in self.names:
-            raise UnsupportedError(f"its code gives {name} no value, or not in every case", _MEND)
-        return Signal(as_vector(self.names[name]), period)
+    def frozen(what: str) -> None:
+        expressions.frozen[f"{site.atom.path}: {what}"] = "it must be fixed in code"
 
-    def _statement(self, statement: m.Statement) -> None:
-        match statement:
-            case m.Assign((target,), value):
-                self._assign(target, self._value(value))
-            case m.If(branches, otherwise):
-                self._if(branches, otherwise)
-            case m.For(m.Name(name), values, body):
-                for column in self._value(values).T:
-                    self.names[name] = column.reshape(-1, 1)
-                    self.run(body)
-            case _:
-                kind = type(statement).__name__.lower()
-                raise UnsupportedError(f"its code has a statement that is not supported ({kind})", _MEND)
+    return Desk(
+        site.loom,
+        workspace=partial(parameter, expressions, scope, enumeration=site.weaver.files.enumeration),
+        number=partial(parameter_number, expressions),
+        functions=dict(functions),
+        find=site.weaver.files.find,
+        frozen=frozen,
+        tables=partial(_looked_up, site),
+    )
 
-    def _value(self, tree: m.Expression) -> Nodes:
-        try:
-            return self.site.weaver.expressions.computed(tree, self.site.atom.scope, self.names)
-        except NoValueError as error:
-            raise UnsupportedError(f"its code in line {tree.place.line}: {error}", _MEND) from None
 
-    def _assign(self, target: m.Expression | None, value: Nodes) -> None:
-        if isinstance(target, m.Name):
-            self.names[target.name] = value
-        elif isinstance(target, m.Call) and isinstance(target.of, m.Name) and target.of.name in self.names:
-            self._assign_element(target.of.name, target, value)
-        else:
-            raise UnsupportedError("its code assigns to what is no variable that is there already", _MEND)
+def _looked_up(site: Site, name: str, axes: list[tuple[Array, str]], places: list[Nodes], beyond: str) -> Nodes | None:
+    """A lookup of the variable of a name; None where it is none, or does not fit its breakpoints."""
+    try:
+        table = named_text(site, name)
+        made_axes = [Axis(points, name=group) for points, group in axes]
+    except (UnsupportedError, ArgumentError):
+        return None
+    shape = tuple(points.size for points, _ in axes)
+    values = table.values.ravel() if len(shape) == 1 else table.values
+    if values.shape != shape:
+        return None
+    made = site.weaver.declared.table(table.name, values, made_axes, table.variable, False, beyond)
+    spread = np.broadcast_arrays(*places)
+    columns = zip(*(one.ravel() for one in spread), strict=True)
+    nodes = [site.loom.lookup(made.name, *(int(node) for node in place)) for place in columns]
+    return np.array(nodes, dtype=np.int64).reshape(spread[0].shape)
 
-    def _assign_element(self, name: str, target: m.Call, value: Nodes) -> None:
-        places = [self._value(one) for one in target.arguments]
-        array = self.names[name].copy()
-        try:
-            numbers = [int(self.site.weaver.expressions.values(one).item()) - 1 for one in places]
-            at = np.unravel_index(numbers[0], array.shape, order="F") if len(numbers) == 1 else tuple(numbers)
-            if min(numbers) < 0 or value.size != 1:
-                raise ValueError
-            array[at] = value.item()
-        except (NoValueError, ValueError, IndexError):
-            what = f"its code in line {target.place.line} assigns to elements of {name} that change or are not there"
-            raise UnsupportedError(what, _MEND) from None
-        self.names[name] = array
 
-    def _if(self, branches: tuple[m.Branch, ...], otherwise: tuple[m.Statement, ...]) -> None:
-        if not branches:
-            self.run(otherwise)
-            return
-        condition = self._value(branches[0].condition)
-        if condition.size != 1:
-            raise UnsupportedError("its code decides by a condition of several elements", _MEND)
-        yes, no = (_Body(self.site, dict(self.names), self.done) for _ in range(2))
-        fixed = self.site.loom.value(int(condition.item()))
-        if fixed is None or fixed:
-            yes.run(branches[0].body)
-        if not fixed:
-            no._if(branches[1:], otherwise)
-        if fixed is not None:
-            self.names = yes.names if fixed else no.names
-        else:
-            self.names = self._joined(condition, yes.names, no.names)
+# arguments and results
 
-    def _joined(self, condition: Nodes, yes: dict[str, Nodes], no: dict[str, Nodes]) -> dict[str, Nodes]:
-        """The variables after a decision; one that only one side knows is known no more."""
-        made: dict[str, Nodes] = {}
-        for name in yes.keys() & no.keys():
-            if np.array_equal(yes[name], no[name]):
-                made[name] = yes[name]
-            elif yes[name].shape == no[name].shape:
-                made[name] = each(self.site.loom, "select", condition, yes[name], no[name])
+
+def _given(site: Site, function: m.FunctionDefinition) -> list[Held]:
+    """The arguments in their order: inputs, and parameters where the block says so or no input is left."""
+    chart = site.atom.block.chart
+    fixed = {one.name for one in chart.data if one.scope == _PARAMETER} if chart is not None else set()
+    expressions, made, at = site.weaver.expressions, list[Held](), 0
+    for name in function.parameters:
+        if name not in fixed and at < _ports(site):
+            made.append(_held(site.wired(at)))
+            at += 1
+            continue
+        held = parameter(expressions, site.atom.scope, name)
+        made.append(held if held is not None else Unclear(f"{name} is a parameter that has no value", _GIVE))
+    return made
+
+
+def _held(wired: Wired) -> Held:
+    """A signal as a variable: a vector is a column, a bus a struct."""
+    if isinstance(wired, Bus):
+        return Struct({name: _held(member) for name, member in wired.members.items()})
+    return wired.nodes.reshape(-1, 1) if wired.nodes.ndim == 1 else wired.nodes
+
+
+def _wired(held: Held, period: float) -> Wired:
+    if isinstance(held, Struct):
+        return Bus({name: _wired(field_of(held, name), period) for name in held.fields})
+    if isinstance(held, Unclear):
+        raise CodeError(held.why, held.mend or _MEND)
+    if not isinstance(held, np.ndarray) or held.size == 0:
+        raise CodeError("an output of it is neither numbers nor a struct of them")
+    return Signal(as_vector(np.asarray(held)), period)
+
+
+# memory
+
+
+@dataclass(eq=False)
+class _Call:
+    """The call of a block's function in a step, with the variables that it keeps for the next one."""
+
+    site: Site
+    desk: Desk
+    function: m.FunctionDefinition
+    given: list[Held]
+    left: tuple[Held, ...] = ()
+
+    def results(self) -> tuple[Held, ...]:
+        """The results, the memories of persistent variables being read and written."""
+        if not self._remembers():
+            return self._run(self._begun())
+        known = self._scouted()
+        for _ in range(_MOST_ROUNDS):
+            body = self._begun()
+            made = Memories(self.desk, self._remember)
+            for key, memory in known.items():
+                body.state.kept[key] = made.begun(memory, partial(self._left, body, key))
+            results = self._run(body)
+            more = later(self.desk, body.state.kept, known)
+            if not more:
+                return results
+            known |= more
+        raise CodeError("its persistent variables do not settle")
+
+    def _begun(self) -> Body:
+        """The code before its call, with what the data stores hold that it uses."""
+        body = Body(self.desk)
+        for at, name in enumerate(self.site.atom.shared, _ports(self.site)):
+            body.state.kept[GLOBAL, name] = _held(self.site.wired(at))
+        return body
+
+    def _left(self, body: Body, key: Key) -> Held | None:
+        return body.state.kept.get(key)
+
+    def _remembers(self) -> bool:
+        return any(declares(one.body) for one in (self.function, *self.desk.functions.values()))
+
+    def _run(self, body: Body) -> tuple[Held, ...]:
+        self.desk.statements = 0
+        before = dict(body.state.kept)
+        results = body.call(self.function, self.given, len(self.function.results), _BLOCK)
+        self.left = tuple(self._end_of(body, before, name) for name in self.site.atom.shared)
+        return results
+
+    def _end_of(self, body: Body, before: Mapping[Key, Held], name: str) -> Held:
+        """What the call leaves in a data store."""
+        made = body.state.kept[GLOBAL, name]
+        if made is not before[GLOBAL, name] and name not in written_names(self.site.atom.block.script):
+            raise CodeError(f"a function in a file writes the data store {name}", "Write it in the block's own code.")
         return made
+
+    def _scouted(self) -> dict[Key, Memory]:
+        """What the first call makes of persistent variables."""
+        body = self._begun()
+        scout = Scout(self.desk, body)
+        body.watch = scout.watch
+        self._run(body)
+        return memories(scout, body.state.kept, body.questions)
+
+    def _remember(self, init: Nodes, end: Callable[[], Nodes]) -> Nodes:
+        def then(_: Signal) -> Signal:
+            try:
+                return Signal(end())
+            except CodeError as error:
+                raise UnsupportedError(str(error), error.mend) from None
+
+        return self.site.remember(Signal(init, CONSTANT), then).nodes

@@ -114,11 +114,11 @@ def permuted(site: Site) -> Wired:
     x = site.input()
     if site.atom.kind == "Squeeze":
         return x  # arrays have at most two dimensions here, and those are never taken away
-    order = [int(n) for n in site.numbers("Order").ravel()]
-    if order == [1] or order == [1, 2]:
+    order = site.numbers("Order").ravel().tolist()
+    if order in ([1.0], [1.0, 2.0]):
         return x
-    if order != [2, 1]:
-        raise UnsupportedError(f"its Order is {order}, and arrays have at most two dimensions here")
+    if order != [2.0, 1.0]:
+        raise UnsupportedError(f"its Order is {site.text('Order')[:40]}, and arrays have at most two dimensions here")
     return Signal(as_matrix(x).T, x.period)
 
 

@@ -2,10 +2,16 @@
 
 import re
 
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
+from kennfeld.models.simulink.expressions import NoValueError
 from kennfeld.models.simulink.site import Site
 
-__all__ = ["length_of", "listed", "positions", "within"]
+__all__ = ["cases_of", "length_of", "listed", "positions", "within"]
+
+_MOST_NUMBERS = 10_000
 
 
 def listed(site: Site, *names: str) -> list[str]:
@@ -52,3 +58,24 @@ def within(places: list[int], size: int, text: str) -> None:
     """Raise `UnsupportedError` where a place is none of an array's."""
     if not places or not all(0 <= place < size for place in places):
         raise UnsupportedError(f"it selects {text[:60]} of {size} elements")
+
+
+def cases_of(site: Site, field: str) -> list[list[float]]:
+    """The numbers in each part of a list in braces, `{1, [2 3], Gear.First}`."""
+    text = site.text(field)
+    try:
+        tree = parse_expression(text)
+    except InputError:
+        tree = m.Number(0.0)
+    if not isinstance(tree, m.CellArray):
+        raise UnsupportedError(f"{field} is {text[:60]}, not a list of cases in braces")
+    parts = [part for row in tree.rows for part in row]
+    try:
+        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel().tolist() for one in parts]
+    except NoValueError as error:
+        raise UnsupportedError(f"its {field} ({text[:60]}) has no value: {error}", undefined=error.undefined) from None
+    if sum(map(len, found)) > _MOST_NUMBERS:
+        raise UnsupportedError(f"{field} has {sum(map(len, found))} numbers; {_MOST_NUMBERS} are the most")
+    if not all(found):
+        raise UnsupportedError(f"{field} is {text[:60]}, which has an empty part")
+    return found

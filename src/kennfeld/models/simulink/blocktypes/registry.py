@@ -25,8 +25,9 @@ class Kind:
     """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all.
 
     `sample` is the parameter that holds its sample time, or says which one does; no parameter is called "". A `linked`
-    type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into.
-    `held` is false where the rule itself says what the outputs are between the hits of the sample time.
+    type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into. A `refused`
+    one is known for the reason why no setting of it can be built. `held` is false where the rule itself says what the
+    outputs are between the hits of the sample time.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Kind:
     sink: bool = False
     sample: Sample = "SampleTime"
     linked: bool = False
+    refused: bool = False
     held: bool = True
 
     def sample_of(self, block: Block) -> str:
@@ -62,6 +64,7 @@ def block(
     sink: bool = False,
     sample: Sample = "SampleTime",
     linked: bool = False,
+    refused: bool = False,
     held: bool = True,
     **defaults: str,
 ) -> Callable[[Rule], Rule]:
@@ -69,7 +72,7 @@ def block(
 
     def enter(rule: Rule) -> Rule:
         for name in names:
-            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked, held)
+            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked, refused, held)
         return rule
 
     return enter

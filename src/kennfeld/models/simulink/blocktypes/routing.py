@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.places import length_of, listed, positions
+from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.expressions import towards_zero
 from kennfeld.models.simulink.flatten import member_names
 from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.site import Site, cases_of
+from kennfeld.models.simulink.site import Site
 
 _LONGEST_PICK = 10_000
 _MOST_COMPARISONS = 100_000
@@ -124,6 +125,37 @@ def _assigned(wired: Wired, way: list[str], new: Wired) -> Wired:
     if inner is None or not isinstance(wired, Bus):
         return new
     return wired.assigned(way[0], _assigned(inner, way[1:], new))
+
+
+@block("BusElement")
+def bus_element(site: Site) -> Wired:
+    """An element of the bus that a subsystem takes; the bus itself where none is named."""
+    if site.atom.why:
+        raise UnsupportedError(f"it is {site.atom.why}")
+    way = site.atom.ways[0] if site.atom.ways else ""
+    return member_of(site, site.wired(0), way) if way else site.wired(0)
+
+
+@block("BusElements")
+def bus_of_elements(site: Site) -> Wired:
+    """The bus that a subsystem gives, of the elements that its blocks name."""
+    if site.atom.why:
+        raise UnsupportedError(f"it is {site.atom.why}")
+    bus: Wired = Bus()
+    for at, way in enumerate(site.atom.ways):
+        if not way:
+            return site.wired(at)
+        bus = _set(bus, way.split("."), site.wired(at))
+    return bus
+
+
+def _set(wired: Wired, way: list[str], new: Wired) -> Wired:
+    """A bus with a signal put in, and buses on the way to it where there are none."""
+    if not way:
+        return new
+    members = dict(wired.members) if isinstance(wired, Bus) else {}
+    members[way[0]] = _set(members.get(way[0], Bus()), way[1:], new)
+    return Bus(members)
 
 
 @block("Concatenate", Mode="Vector", ConcatenateDimension="1")
@@ -252,34 +284,27 @@ def chosen(site: Site, condition: Signal, yes: Wired, no: Wired) -> Wired:
 @block("MultiPortSwitch", Inputs="3", DataPortOrder="One-based contiguous", DataPortIndices="{1,2,3}", SampleTime="-1",
        DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
 def multiport_switch(site: Site) -> Wired:
-    """One of several inputs by the number at the first; the last one for any number beyond."""
+    """One of several inputs by the number at the first; the last one for any number that is none of theirs."""
     order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
-    if order == "Specify indices":
-        return _by_indices(site)
-    first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
     index = site.input(0)
+    index = Signal(towards_zero(site.loom, index.nodes), index.period)
     data = [site.wired(at) for at in range(1, site.count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
         only = data[0]
         data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
+    if not data:
+        raise UnsupportedError("it has no data port")
+    if order == "Specify indices":
+        numbers = cases_of(site, "DataPortIndices")
+        if len(data) != len(numbers) + (site.text("DataPortForDefault") == "Additional data port"):
+            raise UnsupportedError(f"it has {len(data)} data ports for {len(numbers)} indices")
+    else:
+        first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+        numbers = [[float(first + at)] for at in range(len(data))]
     made = data[-1]
     for at in reversed(range(len(data) - 1)):
-        limit = site.constant(float(at + 1 + first))
-        made = chosen(site, site.call("lt", index, limit), data[at], made)
-    return made
-
-
-def _by_indices(site: Site) -> Wired:
-    """One of several inputs by the cases that each is given; the last one, or one more behind it, for all others."""
-    cases = cases_of(site, "DataPortIndices")
-    data = [site.wired(at) for at in range(1, site.count)]
-    more = site.text("DataPortForDefault") == "Additional data port"
-    if len(data) != len(cases) + more or not data:
-        raise UnsupportedError(f"it has {len(data)} data ports for {len(cases)} indices")
-    index = site.truncated(site.input(0))
-    made = data[-1]
-    for case, one in reversed(list(zip(cases, data, strict=False))):
-        made = chosen(site, site.among(index, case), one, made)
+        here = site.fold("or", [site.call("eq", index, site.constant(number)) for number in numbers[at]])
+        made = chosen(site, here, data[at], made)
     return made
 
 

@@ -135,7 +135,7 @@ _BIND = "Bind it to a channel of the measurement, which takes its place."
 
 
 @block("FromFile", "FromSpreadsheet", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
-       "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise")  # fmt: skip
+       "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise", refused=True)  # fmt: skip
 def recorded(site: Site) -> Wired:
     """A signal that is not in the model."""
     raise UnsupportedError("its signal is recorded or random and not part of the model", _BIND)

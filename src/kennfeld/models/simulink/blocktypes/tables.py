@@ -8,11 +8,12 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
+from kennfeld.models.simulink.blocktypes.splines import nodes_needed, spline
 from kennfeld.models.simulink.named import Named, given_table, named, named_text
 from kennfeld.models.simulink.scopes import Array, Variable
 from kennfeld.models.simulink.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site
-from kennfeld.parameters import Axis
+from kennfeld.parameters import Axis, Parameter
 
 _LINEAR = (
     "Linear",
@@ -22,11 +23,13 @@ _LINEAR = (
     "Interpolation-Use End Values",
 )
 _NEAREST = ("Nearest", "Use Input Nearest")
+_SPLINE = ("Cubic spline", "Cubic Spline")
+_LARGEST_SPLINE = 50_000  # nodes
 _FLAT = ("Flat", "None - Flat", "Use Input Below", "Below")
 
 
 class Method(NamedTuple):
-    """Between the breakpoints: linear, nearest or flat; beyond them: clip or linear."""
+    """Between the breakpoints: linear, nearest, flat or spline; beyond them: clip, linear, or cubic for a spline."""
 
     between: str
     beyond: str
@@ -44,10 +47,10 @@ def lookup_nd(site: Site) -> Wired:
     count = site.whole("NumberOfTableDimensions", 1, 30)
     if count > 4:
         raise UnsupportedError(f"its table has {count} dimensions; parameters have at most 4")
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     names = [f"BreakpointsForDimension{i + 1}" for i in range(count)]
     if site.chosen("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
-        axes = [_even(site, i + 1, size) for i, size in enumerate(_shape(site, "Table", count))]
+        axes = [_even(site, i + 1, size) for i, size in enumerate(shape_of(site, "Table", count))]
     else:
         axes = _axes(site, "Table", names)
     return looked_up(site, "Table", axes, _coordinates(site, count), method)
@@ -56,7 +59,7 @@ def lookup_nd(site: Site) -> Wired:
 def _object(site: Site) -> Wired:
     """A table whose values and breakpoints are in one variable."""
     whole = site.text("LookupTableObject")
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
+    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
     if (given := given_table(site, whole)) is not None:
         axes = list(given.variable.axes)
         return _looked_up(site, given, axes, _coordinates(site, len(axes)), method)
@@ -72,15 +75,27 @@ def _object(site: Site) -> Wired:
     return _looked_up(site, replace(table, name=whole), axes, _coordinates(site, count), method)
 
 
-def _method(between: str, beyond: str) -> Method:
+def method_of(between: str, beyond: str) -> Method:
+    """The method that the words of a block mean; raises `UnsupportedError` for others."""
     kind = {**dict.fromkeys(_LINEAR, "linear"), **dict.fromkeys(_NEAREST, "nearest"), **dict.fromkeys(_FLAT, "flat")}
+    if between in _SPLINE:
+        return Method("spline", _beyond_spline(beyond))
     if between not in kind:
-        raise UnsupportedError(f"InterpMethod is {between!r}, which is not supported", "Linear, nearest and flat are.")
+        known = "Linear, nearest, flat and cubic splines are."
+        raise UnsupportedError(f"InterpMethod is {between!r}, which is not supported", known)
     if kind[between] != "linear":
         return Method(kind[between], "clip")
     if beyond not in ("Clip", "None - Clip", "Linear"):
         raise UnsupportedError(f"ExtrapMethod is {beyond!r}, which is not supported", "Clip and linear are.")
     return Method("linear", "linear" if beyond == "Linear" else "clip")
+
+
+def _beyond_spline(beyond: str) -> str:
+    if beyond in _SPLINE:
+        return "cubic"
+    if beyond not in ("Clip", "None - Clip", "Linear"):
+        raise UnsupportedError(f"ExtrapMethod is {beyond!r}, which is not supported", "Clip, linear and cubic are.")
+    return "linear" if beyond == "Linear" else "clip"
 
 
 def _coordinates(site: Site, count: int) -> list[Signal]:
@@ -98,7 +113,8 @@ def _even(site: Site, number: int, size: int) -> Axis:
     return Axis(first + spacing * np.arange(size))
 
 
-def _shape(site: Site, name: str, count: int) -> tuple[int, ...]:
+def shape_of(site: Site, name: str, count: int) -> tuple[int, ...]:
+    """The sizes of a table along its dimensions."""
     found = site.numbers(name)
     return (found.size,) if count == 1 else found.shape
 
@@ -106,10 +122,10 @@ def _shape(site: Site, name: str, count: int) -> tuple[int, ...]:
 def _axes(site: Site, table: str, names: list[str]) -> list[Axis]:
     """The axes of a table: those of a calibration file, which come with its values, else the fields' breakpoints."""
     own = named(site, table).variable.axes
-    return list(own) if len(own) == len(names) else [_axis(site, name) for name in names]
+    return list(own) if len(own) == len(names) else [axis_of(site, name) for name in names]
 
 
-def _axis(site: Site, name: str) -> Axis:
+def axis_of(site: Site, name: str) -> Axis:
     """The breakpoints of a dimension; a variable by its name, so that tables share it."""
     found = named(site, name)
     group = found.name if found.is_variable else ""
@@ -137,14 +153,35 @@ def _looked_up(site: Site, found: Named, axes: list[Axis], coordinates: list[Sig
         raise UnsupportedError(f"its {table} has a dimension with a single breakpoint")
     locked = not (found.is_variable or found.name in site.weaver.declared.promoted)
     axes = [axis.changed(input=_quantity(site, at)) if not axis.name else axis for at, axis in enumerate(axes)]
-    made = site.weaver.declared.table(found.name, values, axes, found.variable, locked, method.beyond)
+    kept = method.beyond if method.between != "spline" else "clip"
+    made = site.weaver.declared.table(found.name, values, axes, found.variable, locked, kept)
     spread = site.spread(*coordinates)
+    if method.between == "spline":
+        return _splined(site, made, spread, method.beyond)
     if method.between != "linear":
         spread = [_snapped(site, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
     columns = [one.nodes.ravel() for one in spread]
     nodes = [site.loom.lookup(made.name, *(int(node) for node in place)) for place in zip(*columns, strict=True)]
     period = fastest([one.period for one in spread])
     return Signal(np.array(nodes, dtype=np.int64).reshape(spread[0].shape), period)
+
+
+def _splined(site: Site, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
+    """A spline through the values of a table, element by element."""
+    points = [axis.breakpoints for axis in table.axes]
+    shape = [len(axis) for axis in points]
+    if nodes_needed(shape) > _LARGEST_SPLINE:
+        sizes = " x ".join(map(str, shape))
+        raise UnsupportedError(f"a spline through a table of {sizes} values is too large", "Linear lookups are not.")
+    loom = site.loom
+
+    def value(*places: int) -> int:
+        return loom.lookup(table.name, *(loom.const(float(axis[at])) for axis, at in zip(points, places, strict=True)))
+
+    columns = zip(*(one.nodes.ravel() for one in coordinates), strict=True)
+    nodes = [spline(loom, value, points, [int(node) for node in place], beyond) for place in columns]
+    period = fastest([one.period for one in coordinates])
+    return Signal(np.array(nodes, dtype=np.int64).reshape(coordinates[0].shape), period)
 
 
 def _quantity(site: Site, at: int) -> str:
@@ -200,14 +237,18 @@ def _old_method(site: Site) -> Method:
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
        Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
 def direct_lookup(site: Site) -> Wired:
-    """An element of a table by its places, counted from 0; those beyond the ends take the ends."""
-    site.chosen("InputsSelectThisObjectFromTable", "Element")
+    """An element or a column of a table by its places, counted from 0; those beyond the ends take the ends."""
+    wanted = site.chosen("InputsSelectThisObjectFromTable", "Element", "Column")
     if site.on("TableIsInput"):
-        raise UnsupportedError("its table is an input")
+        raise UnsupportedError("its table is an input", "Put a Selector in its place.")
     count = site.whole("NumberOfTableDimensions", 1, 4)
-    shape = _shape(site, "Table", count)
-    axes = _numbered(site, "Table", shape)
-    places = [site.call("floor", site.input(at)) for at in range(count)]
+    shape = shape_of(site, "Table", count)
+    places = [site.call("floor", one) for one in site.inputs]
+    if wanted == "Column":
+        places.insert(0, site.constant(*map(float, range(shape[0]))))
+    if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
+        raise UnsupportedError(f"its inputs do not choose an {wanted.lower()} of a table of {count} dimensions")
+    axes = numbered(site, "Table", shape)
     return looked_up(site, "Table", axes, places, Method("linear", "clip"))
 
 
@@ -215,6 +256,8 @@ def direct_lookup(site: Site) -> Wired:
 def lookup_dynamic(site: Site) -> Wired:
     """A curve whose breakpoints and values are inputs."""
     method = _old_method(site)
+    if site.count != 3:
+        raise UnsupportedError(f"it has {site.count} inputs, not one each for x, the breakpoints and the values")
     x, xs, ys = site.inputs
     if method.between != "linear" or xs.size != ys.size or xs.size < 2:
         raise UnsupportedError("only linear interpolation between two or more points is supported")
@@ -234,60 +277,7 @@ def _line(site: Site, x: Signal, points: list[list[Signal]], at: int) -> Signal:
     return site.call("add", y0, site.call("mul", share, site.call("sub", y1, y0)))
 
 
-@block("PreLookup", BreakpointsData="[10:10:100]", BreakpointsSpecification="Explicit values",
-       BreakpointsDataSource="Dialog", ExtrapMethod="Clip", OutputSelection="Index and fraction", IndexSearchMethod="",
-       BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11")  # fmt: skip
-def prelookup(site: Site) -> tuple[Wired, ...]:
-    """The cell that holds the input, counted from 0, and where within it."""
-    selection = site.chosen("OutputSelection", "Index and fraction", "Index only")
-    beyond = site.chosen("ExtrapMethod", "Clip", "None - Clip", "Linear")
-    points = _points(site)
-    if points.size < 2 or not np.all(np.diff(points) > 0):
-        raise UnsupportedError("its breakpoints do not increase")
-    u = site.input()
-    index, low, width = (site.constant(float(one)) for one in (0.0, points[0], points[1] - points[0]))
-    for at in range(1, points.size - 1):
-        within = site.call("ge", u, site.constant(float(points[at])))
-        index = site.select(within, site.constant(float(at)), index)
-        low = site.select(within, site.constant(float(points[at])), low)
-        width = site.select(within, site.constant(float(points[at + 1] - points[at])), width)
-    fraction = site.call("div", site.call("sub", u, low), width)
-    if beyond != "Linear":
-        fraction = site.clip(fraction, site.constant(0.0), site.constant(1.0))
-    return (index,) if selection == "Index only" else (index, fraction)
-
-
-def _points(site: Site) -> Array:
-    if site.text("BreakpointsSpecification") == "Even spacing":
-        count = site.whole("BreakpointsNumPoints", 2, 100_000)
-        first, spacing = site.number("BreakpointsFirstPoint"), site.number("BreakpointsSpacing")
-        return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
-    return site.numbers("BreakpointsData").ravel()
-
-
-@block("Interpolation_n-D", NumberOfTableDimensions="2", Table="sqrt([1:11]' * [1:11])", InterpMethod="Linear",
-       ExtrapMethod="Clip", NumSelectionDims="0", TableSource="Dialog", RequireIndexFractionAsBus="off",
-       TableSpecification="Explicit values")  # fmt: skip
-def interpolation(site: Site) -> Wired:
-    """A table at cells and fractions: the table of the prelookups' breakpoints where they come from such blocks.
-
-    Of others, the axes are the numbers of the breakpoints.
-    """
-    site.chosen("TableSource", "Dialog")
-    site.chosen("TableSpecification", "Explicit values")
-    if site.whole("NumSelectionDims", 0, 5) or site.on("RequireIndexFractionAsBus"):
-        raise UnsupportedError("it selects parts of its table, or takes buses")
-    count = site.whole("NumberOfTableDimensions", 1, 4)
-    method = _method(site.text("InterpMethod"), site.text("ExtrapMethod"))
-    before = [found for at in range(count) if (found := _prelookup_of(site, at)) is not None]
-    if len(before) == count and method.between == "linear":
-        return _at_prelookups(site, before, method)
-    axes = _numbered(site, "Table", _shape(site, "Table", count))
-    places = [site.call("add", site.input(2 * at), site.input(2 * at + 1)) for at in range(count)]
-    return looked_up(site, "Table", axes, places, method)
-
-
-def _numbered(site: Site, table: str, shape: tuple[int, ...]) -> list[Axis]:
+def numbered(site: Site, table: str, shape: tuple[int, ...]) -> list[Axis]:
     """Axes that count from 0; raises `UnsupportedError` where a calibration file gives the table others."""
     axes = [Axis(np.arange(size)) for size in shape]
     own = named(site, table).variable.axes
@@ -295,36 +285,3 @@ def _numbered(site: Site, table: str, shape: tuple[int, ...]) -> list[Axis]:
         what = f"the calibration file gives its {table} breakpoints, but the model looks it up by number"
         raise UnsupportedError(what, "Give its values in a script or as a value block.")
     return axes
-
-
-def _prelookup_of(site: Site, at: int) -> Site | None:
-    """The prelookup that gives both the cell and the fraction of a dimension, in every step; None where none does."""
-    sources = site.atom.inputs[2 * at : 2 * at + 2]
-    if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].atom is not sources[1].atom:
-        return None
-    before = site.weaver.site(sources[0].atom)
-    paired = before.atom.kind == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
-    return before if paired and site.weaver.rate(before.atom) is None else None
-
-
-def _at_prelookups(site: Site, before: list[Site], method: Method) -> Wired:
-    """The table over the breakpoints of prelookups, at their inputs."""
-    own = named(site, "Table").variable.axes
-    axes = list(own) if len(own) == len(before) else [_breakpoints(one) for one in before]
-    ends = [method.beyond if one.text("ExtrapMethod") == "Linear" else "clip" for one in before]
-    places = [
-        _between(site, one.input(), axis) if end == "clip" and "linear" in ends else one.input()
-        for one, axis, end in zip(before, axes, ends, strict=True)
-    ]
-    return looked_up(site, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
-
-
-def _between(site: Site, x: Signal, axis: Axis) -> Signal:
-    """A coordinate within the ends of an axis."""
-    first, last = (site.constant(float(axis.breakpoints[end])) for end in (0, -1))
-    return site.clip(x, first, last)
-
-
-def _breakpoints(before: Site) -> Axis:
-    even = before.text("BreakpointsSpecification") == "Even spacing"
-    return Axis(_points(before)) if even else _axis(before, "BreakpointsData")

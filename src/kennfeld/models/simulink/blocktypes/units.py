@@ -112,7 +112,7 @@ def polar_to_cartesian(site: Site) -> tuple[Wired, ...]:
     return site.call("mul", radius, site.call("cos", angle)), site.call("mul", radius, site.call("sin", angle))
 
 
-@block("UnitConversion")
+@block("UnitConversion", refused=True)
 def by_ports(site: Site) -> Wired:
     """The input in the unit of what it leads to."""
     raise UnsupportedError(

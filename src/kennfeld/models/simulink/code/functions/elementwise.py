@@ -1,0 +1,241 @@
+"""Functions of each element alone."""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.code.functions.registry import Given, function
+from kennfeld.models.simulink.code.values import Held, Truths, constants, truths
+from kennfeld.models.simulink.expressions import each, towards_zero
+from kennfeld.models.simulink.signals import Nodes
+
+_PLAIN: Final = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "floor",
+    "ceil", "round", "sign",
+)  # fmt: skip
+_CASTS: Final = (
+    "double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "fi", "half",
+)  # fmt: skip
+_DEGREES: Final = math.pi / 180
+
+
+@function(*_PLAIN)
+def plain(given: Given) -> Held:
+    """An operation of the graph."""
+    return each(given.calls.loom, given.name, given.array(0))
+
+
+@function(*_CASTS, most=5)
+def cast(given: Given) -> Held:
+    """The value as it is: values are physical, in double precision."""
+    made = given.array(0)
+    return np.asarray(made) if isinstance(made, Truths) else made
+
+
+@function("cast", least=2, most=3)
+def cast_to(given: Given) -> Held:
+    """The value as it is, as with the casts by name."""
+    x = given.array(0)
+    if given.held[1] != "logical":
+        return np.asarray(x)
+    return truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
+
+
+@function("real", "conj", "full", "squeeze")
+def same(given: Given) -> Held:
+    """The value as it is: all numbers are real, arrays full."""
+    return given.array(0)
+
+
+@function("logical", "boolean")
+def logical(given: Given) -> Held:
+    """Whether elements are not 0."""
+    x = given.array(0)
+    return x if isinstance(x, Truths) else truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
+
+
+Rule = Callable[..., Nodes]
+
+
+def _number(loom: Loom, value: float) -> Nodes:
+    return constants(loom, value)
+
+
+def _minus(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "sub", a, b)
+
+
+def _times(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "mul", a, b)
+
+
+def _over(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "div", a, b)
+
+
+def _log1p(loom: Loom, x: Nodes) -> Nodes:
+    return each(loom, "log", each(loom, "add", x, _number(loom, 1.0)))
+
+
+def _expm1(loom: Loom, x: Nodes) -> Nodes:
+    """By the hyperbolic tangent, which is exact near 0: 2 t / (1 - t), t = tanh(x/2)."""
+    t = each(loom, "tanh", _times(loom, x, _number(loom, 0.5)))
+    near = _over(loom, _times(loom, _number(loom, 2.0), t), _minus(loom, _number(loom, 1.0), t))
+    far = _minus(loom, each(loom, "exp", x), _number(loom, 1.0))
+    return each(loom, "select", each(loom, "lt", each(loom, "abs", x), _number(loom, 1.0)), near, far)
+
+
+def _inverse(op: str) -> Rule:
+    """The inverse hyperbolic functions by logarithms."""
+
+    def rule(loom: Loom, x: Nodes) -> Nodes:
+        one = _number(loom, 1.0)
+        if op == "atanh":
+            ratio = _over(loom, each(loom, "add", one, x), _minus(loom, one, x))
+            return _times(loom, _number(loom, 0.5), each(loom, "log", ratio))
+        size = each(loom, "abs", x) if op == "asinh" else x
+        square = _times(loom, x, x)
+        root = each(loom, "sqrt", each(loom, "add", square, _number(loom, 1.0 if op == "asinh" else -1.0)))
+        made = each(loom, "log", each(loom, "add", size, root))
+        return _times(loom, each(loom, "sign", x), made) if op == "asinh" else made
+
+    return rule
+
+
+def _turned(loom: Loom, x: Nodes, turn: float) -> Nodes:
+    """An angle from 0 to a whole turn; positive multiples of a turn stay one."""
+    made = each(loom, "mod", x, _number(loom, turn))
+    zero = _number(loom, 0.0)
+    whole = each(loom, "and", each(loom, "eq", made, zero), each(loom, "gt", x, zero))
+    return each(loom, "select", whole, _number(loom, turn), made)
+
+
+def _wrapped(loom: Loom, x: Nodes, half: float) -> Nodes:
+    """An angle within half a turn to both sides; those that are stay as they are."""
+    made = _minus(loom, _turned(loom, each(loom, "add", x, _number(loom, half)), 2 * half), _number(loom, half))
+    return each(loom, "select", each(loom, "gt", each(loom, "abs", x), _number(loom, half)), made, x)
+
+
+_ONE: Final[dict[str, Rule]] = {
+    "fix": towards_zero,
+    "log2": lambda loom, x: _over(loom, each(loom, "log", x), _number(loom, math.log(2.0))),
+    "log1p": _log1p,
+    "expm1": _expm1,
+    "asinh": _inverse("asinh"),
+    "acosh": _inverse("acosh"),
+    "atanh": _inverse("atanh"),
+    "sec": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "cos", x)),
+    "csc": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "sin", x)),
+    "cot": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "tan", x)),
+    "sind": lambda loom, x: each(loom, "sin", _times(loom, x, _number(loom, _DEGREES))),
+    "cosd": lambda loom, x: each(loom, "cos", _times(loom, x, _number(loom, _DEGREES))),
+    "tand": lambda loom, x: each(loom, "tan", _times(loom, x, _number(loom, _DEGREES))),
+    "asind": lambda loom, x: _over(loom, each(loom, "asin", x), _number(loom, _DEGREES)),
+    "acosd": lambda loom, x: _over(loom, each(loom, "acos", x), _number(loom, _DEGREES)),
+    "atand": lambda loom, x: _over(loom, each(loom, "atan", x), _number(loom, _DEGREES)),
+    "deg2rad": lambda loom, x: _times(loom, x, _number(loom, _DEGREES)),
+    "rad2deg": lambda loom, x: _over(loom, x, _number(loom, _DEGREES)),
+    "wrapToPi": lambda loom, x: _wrapped(loom, x, math.pi),
+    "wrapTo180": lambda loom, x: _wrapped(loom, x, 180.0),
+    "wrapTo2Pi": lambda loom, x: _turned(loom, x, 2 * math.pi),
+    "wrapTo360": lambda loom, x: _turned(loom, x, 360.0),
+    "uminus": lambda loom, x: each(loom, "neg", x),
+    "uplus": lambda loom, x: x,
+}
+
+
+@function(*_ONE)
+def composed(given: Given) -> Held:
+    """A function of one argument that operations of the graph make up."""
+    return _ONE[given.name](given.calls.loom, given.array(0))
+
+
+def _hypot(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "sqrt", each(loom, "add", _times(loom, a, a), _times(loom, b, b)))
+
+
+def _rem(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    """What is left of a after whole steps of b towards 0; a where b is 0, as MATLAB gives not a number there."""
+    return _minus(loom, a, _times(loom, towards_zero(loom, _over(loom, a, b)), b))
+
+
+def _xor(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    zero = _number(loom, 0.0)
+    return each(loom, "ne", each(loom, "ne", a, zero), each(loom, "ne", b, zero))
+
+
+_TWO: Final[dict[str, Rule]] = {
+    "atan2": lambda loom, a, b: each(loom, "atan2", a, b),
+    "mod": lambda loom, a, b: each(loom, "mod", a, b),
+    "power": lambda loom, a, b: each(loom, "pow", a, b),
+    "realpow": lambda loom, a, b: each(loom, "pow", a, b),
+    "plus": lambda loom, a, b: each(loom, "add", a, b),
+    "minus": _minus,
+    "times": _times,
+    "rdivide": _over,
+    "ldivide": lambda loom, a, b: _over(loom, b, a),
+    "hypot": _hypot,
+    "rem": _rem,
+}
+_LOGIC: Final[dict[str, Rule]] = {
+    "xor": _xor,
+    "eq": lambda loom, a, b: each(loom, "eq", a, b),
+    "ne": lambda loom, a, b: each(loom, "ne", a, b),
+    "lt": lambda loom, a, b: each(loom, "lt", a, b),
+    "le": lambda loom, a, b: each(loom, "le", a, b),
+    "gt": lambda loom, a, b: each(loom, "gt", a, b),
+    "ge": lambda loom, a, b: each(loom, "ge", a, b),
+}
+
+
+@function(*_TWO, least=2, most=2)
+def of_two(given: Given) -> Held:
+    """A function of two arguments, element by element."""
+    given.fits(*given.arrays)
+    return _TWO[given.name](given.calls.loom, *given.arrays)
+
+
+@function(*_LOGIC, least=2, most=2)
+def comparison(given: Given) -> Held:
+    """A comparison, element by element."""
+    given.fits(*given.arrays)
+    return truths(_LOGIC[given.name](given.calls.loom, *given.arrays))
+
+
+@function("and", "or", least=2, most=20)
+def several(given: Given) -> Held:
+    """Logic of several arguments, element by element."""
+    made = given.array(0)
+    for other in given.arrays[1:]:
+        made = each(given.calls.loom, given.name, made, other)
+    return truths(made)
+
+
+@function("not")
+def negation(given: Given) -> Held:
+    """Whether elements are 0."""
+    return truths(each(given.calls.loom, "not", given.array(0)))
+
+
+EACH_ALONE: Final = frozenset({*_PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "min", "max", "not", "logical"})
+
+
+@function("idivide", least=2, most=3)
+def whole_division(given: Given) -> Held:
+    """A quotient made whole: towards zero where nothing else is asked for."""
+    loom, how = given.calls.loom, given.text(2) if len(given) > 2 else "fix"
+    quotient = _over(loom, given.array(0), given.array(1))
+    if how not in ("fix", "floor", "ceil", "round"):
+        raise given.refuse(f"{how!r} is no way of rounding")
+    return towards_zero(loom, quotient) if how == "fix" else each(loom, how, quotient)
+
+
+@function("nthroot", least=2, most=2)
+def root(given: Given) -> Held:
+    """A real root of a whole degree, of negative numbers where the degree is odd."""
+    loom, x, degree = given.calls.loom, given.array(0), given.whole(1)
+    made = each(loom, "pow", each(loom, "abs", x), _number(loom, 1.0 / degree))
+    return _times(loom, each(loom, "sign", x), made) if degree % 2 else each(loom, "pow", x, _number(loom, 1 / degree))

@@ -1,0 +1,50 @@
+"""Functions that order elements: by exchanges of neighbours, each a decision."""
+
+import numpy as np
+
+from kennfeld.models.simulink.code.functions.registry import Given, function
+from kennfeld.models.simulink.code.values import Held, constants
+from kennfeld.models.simulink.expressions import each
+from kennfeld.models.simulink.signals import Nodes
+
+_MOST = 64  # elements: the exchanges grow with their square
+
+
+def _ordered(given: Given, parts: list[Nodes], falling: bool) -> tuple[list[Nodes], list[Nodes]]:
+    """The parts in order, equal ones as they were, and the places they come from."""
+    if len(parts) > _MOST:
+        raise given.refuse(f"{len(parts)} elements, of which {_MOST} is the most")
+    loom, made = given.calls.loom, list(parts)
+    places = [np.full(part.shape, loom.const(at + 1.0), dtype=np.int64) for at, part in enumerate(parts)]
+    for end in range(len(made) - 1, 0, -1):
+        for at in range(end):
+            wrong = each(loom, "lt" if falling else "gt", made[at], made[at + 1])
+            for row in (made, places):
+                low, high = row[at], row[at + 1]
+                row[at], row[at + 1] = each(loom, "select", wrong, high, low), each(loom, "select", wrong, low, high)
+    return made, places
+
+
+@function("sort", least=1, most=3)
+def ordered(given: Given) -> tuple[Held, ...]:
+    """The elements along a dimension in rising or falling order, and where they were."""
+    falling = any(isinstance(one, str) and one.startswith("desc") for one in given.held)
+    array = given.array(0)
+    given_axis = len(given) > 1 and not isinstance(given.held[1], str)
+    axis = given.whole(1) - 1 if given_axis else next((at for at, size in enumerate(array.shape) if size != 1), 0)
+    parts = [np.take(np.asarray(array), [at], axis=axis) for at in range(array.shape[axis])]
+    if not parts:
+        return array, array
+    made, places = _ordered(given, parts, falling)
+    return np.concatenate(made, axis=axis), np.concatenate(places, axis=axis)
+
+
+@function("median")
+def median(given: Given) -> Held:
+    """The middle of the elements of a vector, or the mean of the two in the middle."""
+    loom, array = given.calls.loom, given.array(0)
+    if 1 not in array.shape:
+        raise given.refuse("of a matrix is not supported")
+    made, _ = _ordered(given, [node.reshape(1, 1) for node in array.ravel()], False)
+    low, high = made[(len(made) - 1) // 2], made[len(made) // 2]
+    return each(loom, "mul", constants(loom, 0.5), each(loom, "add", low, high)) if len(made) % 2 == 0 else low

@@ -1,0 +1,154 @@
+"""Functions along a dimension of an array: sums, products, extremes, differences."""
+
+from collections.abc import Callable
+from functools import reduce
+
+import numpy as np
+
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.code.functions.registry import Given, function
+from kennfeld.models.simulink.code.values import Held, constants, truths
+from kennfeld.models.simulink.expressions import each
+from kennfeld.models.simulink.signals import Nodes
+
+_SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
+
+
+def along(array: Nodes, axis: int, fold: Callable[[list[Nodes]], Nodes]) -> Nodes:
+    """What a function makes of the slices along a dimension, which is one long then."""
+    if axis >= array.ndim:
+        return fold([np.asarray(array)])
+    parts = [np.take(np.asarray(array), [at], axis=axis) for at in range(array.shape[axis])]
+    return fold(parts)
+
+
+def total(loom: Loom, op: str, empty: float, parts: list[Nodes]) -> Nodes:
+    """All slices taken together by an operation; `empty` of none."""
+    return reduce(lambda a, b: each(loom, op, a, b), parts) if parts else constants(loom, empty)
+
+
+@function(*_SUMS, least=1, most=3)
+def reduced(given: Given) -> Held:
+    """A sum, product, or whether any or all elements are not 0, along a dimension or of all elements."""
+    (op, empty), loom, array = _SUMS[given.name], given.calls.loom, given.array(0)
+    if given.name in ("any", "all"):
+        array = each(loom, "ne", array, constants(loom, 0.0))
+    if len(given) > 1 and given.held[1] == "all":
+        array, axis = array.ravel(order="F").reshape(-1, 1), 0
+    else:
+        axis = given.dimension(1, array) if len(given) < 2 or not isinstance(given.held[1], str) else 0
+    made = along(array, axis, lambda parts: total(loom, op, empty, parts))
+    return truths(made) if given.name in ("any", "all") else made
+
+
+@function("cumsum", "cumprod", least=1, most=2)
+def running(given: Given) -> Held:
+    """Sums or products up to each element."""
+    loom, array = given.calls.loom, given.array(0)
+    op, axis = "add" if given.name == "cumsum" else "mul", given.dimension(1, array)
+
+    def fold(parts: list[Nodes]) -> Nodes:
+        made = parts[:1]
+        for part in parts[1:]:
+            made.append(each(loom, op, made[-1], part))
+        return np.concatenate(made, axis=axis) if made else array
+
+    return along(array, axis, fold)
+
+
+@function("mean", "rms", least=1, most=2)
+def mean(given: Given) -> Held:
+    """The mean, or the root of the mean of squares."""
+    loom, array = given.calls.loom, given.array(0)
+    if given.name == "rms":
+        array = each(loom, "mul", array, array)
+    axis = given.dimension(1, array)
+    count = constants(loom, float(array.shape[axis] if axis < array.ndim else 1))
+    made = each(loom, "div", along(array, axis, lambda parts: total(loom, "add", 0.0, parts)), count)
+    return each(loom, "sqrt", made) if given.name == "rms" else made
+
+
+@function("var", "std", least=1, most=3)
+def spread(given: Given) -> Held:
+    """The variance or standard deviation, over n - 1 or, with a weight of 1, over n."""
+    loom, array = given.calls.loom, given.array(0)
+    axis = given.dimension(2, array)
+    over_all = len(given) > 1 and given.array(1).size > 0 and given.whole(1) == 1
+    count = array.shape[axis] if axis < array.ndim else 1
+    whole = along(array, axis, lambda parts: total(loom, "add", 0.0, parts))
+    away = each(loom, "sub", array, each(loom, "div", whole, constants(loom, float(count))))
+    squares = along(each(loom, "mul", away, away), axis, lambda parts: total(loom, "add", 0.0, parts))
+    made = each(loom, "div", squares, constants(loom, float(count if over_all else max(count - 1, 1))))
+    return each(loom, "sqrt", made) if given.name == "std" else made
+
+
+@function("diff", least=1, most=3)
+def differences(given: Given) -> Held:
+    """The differences of neighbours, once or several times."""
+    loom, array = given.calls.loom, given.array(0)
+    for _ in range(given.whole(1) if len(given) > 1 else 1):
+        axis = given.dimension(2, array)
+        size = array.shape[axis]
+        late, early = (np.take(array, range(*ends), axis=axis) for ends in ((1, size), (0, size - 1)))
+        array = each(loom, "sub", late, early)
+    return array
+
+
+@function("min", "max", least=1, most=3)
+def extreme(given: Given) -> Held | tuple[Held, ...]:
+    """The smaller or larger of two arrays, or the smallest or largest along a dimension, with its place."""
+    loom = given.calls.loom
+    if len(given) == 2:
+        given.fits(*given.arrays)
+        return each(loom, given.name, *given.arrays)
+    array = given.array(0)
+    if array.size == 0:
+        return array
+    if given.wanted < 2:
+        return along(array, given.dimension(2, array), lambda parts: total(loom, given.name, 0.0, parts))
+    return _placed(given, array)
+
+
+def _placed(given: Given, array: Nodes) -> tuple[Held, ...]:
+    """The extreme and the first place where it is."""
+    loom, places = given.calls.loom, list[Nodes]()
+    better = "lt" if given.name == "min" else "gt"
+
+    def fold(parts: list[Nodes]) -> Nodes:
+        best, place = parts[0], np.full(parts[0].shape, loom.const(1.0), dtype=np.int64)
+        for at, part in enumerate(parts[1:], 2):
+            wins = each(loom, better, part, best)
+            place = each(loom, "select", wins, constants(loom, float(at)), place)
+            best = each(loom, "select", wins, part, best)
+        places.append(place)
+        return best
+
+    return along(array, given.dimension(2, array), fold), places[0]
+
+
+@function("bounds")
+def bounds(given: Given) -> tuple[Held, ...]:
+    """The smallest and the largest element along the first dimension."""
+    loom, array = given.calls.loom, given.array(0)
+    axis = given.dimension(1, array)
+    return tuple(along(array, axis, lambda parts, op=op: total(loom, op, 0.0, parts)) for op in ("min", "max"))  # type: ignore[misc]
+
+
+@function("nnz")
+def count(given: Given) -> Held:
+    """How many elements are not 0."""
+    loom = given.calls.loom
+    flat = each(loom, "ne", given.array(0), constants(loom, 0.0)).reshape(-1, 1)
+    return along(flat, 0, lambda parts: total(loom, "add", 0.0, parts))
+
+
+@function("trapz", least=1, most=2)
+def area(given: Given) -> Held:
+    """The area below lines through the points of vectors."""
+    loom = given.calls.loom
+    y = given.array(len(given) - 1).ravel(order="F").reshape(-1, 1)
+    middle = each(loom, "mul", constants(loom, 0.5), each(loom, "add", y[1:], y[:-1]))
+    if len(given) == 2:
+        x = given.array(0).ravel(order="F").reshape(-1, 1)
+        middle = each(loom, "mul", middle, each(loom, "sub", x[1:], x[:-1]))
+    return along(middle, 0, lambda parts: total(loom, "add", 0.0, parts))

@@ -1,0 +1,124 @@
+"""The functions that code may call, each with how many arguments it takes.
+
+A new function is a rule with `@function("name", least, most)` in a file of its family.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from kennfeld.models.simulink.code.errors import CodeError
+from kennfeld.models.simulink.code.values import Held, Later, array_of, resolved
+from kennfeld.models.simulink.scopes import Array
+from kennfeld.models.simulink.signals import Nodes
+
+if TYPE_CHECKING:
+    from kennfeld.models.simulink.code.calls import Calls
+
+__all__ = ["LIBRARY", "Given", "Library", "function"]
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """The arguments of a call, and how many results it should give."""
+
+    name: str
+    calls: "Calls"
+    held: Sequence[Held]
+    wanted: int = 1
+
+    def __len__(self) -> int:
+        return len(self.held)
+
+    def array(self, at: int) -> Nodes:
+        """An argument, counted from 0, as an array of nodes."""
+        return array_of(resolved(self.held[at]), f"argument {at + 1} of {self.name}")
+
+    def table(self, at: int) -> str:
+        """The name of the parameter that an argument is, where nothing has been taken of it yet; else empty."""
+        held = self.held[at]
+        return held.name if isinstance(held, Later) else ""
+
+    def fits(self, *arrays: Nodes) -> None:
+        """Refuse arrays that grow beyond all bounds where they are expanded against each other."""
+        self.calls.desk.room(float(np.prod(np.broadcast_shapes(*(one.shape for one in arrays)), dtype=np.float64)))
+
+    @property
+    def arrays(self) -> list[Nodes]:
+        """All arguments as arrays of nodes."""
+        return [self.array(at) for at in range(len(self))]
+
+    def numbers(self, at: int, what: str = "") -> Array:
+        """An argument as numbers that depend on no signal."""
+        what = what or f"argument {at + 1} of {self.name}"
+        found = self.calls.desk.numbers(self.array(at), what)
+        if found is None:
+            raise CodeError(f"{what} depends on signals, where it must be fixed")
+        return found
+
+    def whole(self, at: int) -> int:
+        """An argument as one whole number that depends on no signal."""
+        found = self.numbers(at)
+        if found.size != 1 or not float(found.item()).is_integer():
+            raise CodeError(f"argument {at + 1} of {self.name} is no whole number")
+        return int(found.item())
+
+    def text(self, at: int) -> str:
+        """An argument as a text."""
+        held = self.held[at]
+        if not isinstance(held, str):
+            raise CodeError(f"argument {at + 1} of {self.name} is no text")
+        return held
+
+    def dimension(self, at: int, array: Nodes) -> int:
+        """Along which dimension an array is taken, from 0: as given, else the first that is longer than one."""
+        if len(self) <= at:
+            return next((axis for axis, size in enumerate(array.shape) if size != 1), 0)
+        found = self.whole(at) - 1
+        if not 0 <= found < 30:
+            raise CodeError(f"{self.name} along the dimension {found + 1}")
+        return found
+
+    def refuse(self, why: str, mend: str = "") -> CodeError:
+        """That the function is called in a way that is not supported."""
+        return CodeError(f"{self.name}: {why}", mend) if mend else CodeError(f"{self.name}: {why}")
+
+
+Rule: TypeAlias = "Callable[[Given], Held | tuple[Held, ...]]"
+
+
+@dataclass(frozen=True)
+class Library:
+    """One function."""
+
+    name: str
+    least: int
+    most: int
+    rule: Rule
+
+    def results(self, calls: "Calls", held: Sequence[Held], wanted: int) -> tuple[Held, ...]:
+        """What it gives for arguments."""
+        if not self.least <= len(held) <= self.most:
+            few = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
+            raise CodeError(f"{self.name} gets {len(held)} arguments, not {few}")
+        try:
+            made = self.rule(Given(self.name, calls, held, wanted))
+        except (ValueError, IndexError, np.exceptions.AxisError) as error:
+            raise CodeError(f"{self.name}: its arguments do not fit each other ({str(error)[:100]})") from None
+        return made if isinstance(made, tuple) else (made,)
+
+
+LIBRARY: dict[str, Library] = {}
+
+
+def function(*names: str, least: int = 1, most: int = 1) -> Callable[[Rule], Rule]:
+    """Enter a rule as functions of these names."""
+
+    def enter(rule: Rule) -> Rule:
+        for name in names:
+            LIBRARY[name] = Library(name, least, most, rule)
+        return rule
+
+    return enter

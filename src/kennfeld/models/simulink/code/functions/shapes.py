@@ -1,0 +1,297 @@
+"""Functions that make arrays of fixed size, tell sizes, and arrange elements."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from kennfeld.models.simulink.code.functions.registry import Given, function
+from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, truths
+from kennfeld.models.simulink.expressions import each
+from kennfeld.models.simulink.signals import Nodes
+
+_FILLED: Final = {
+    "zeros": 0.0, "ones": 1.0, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "true": 1.0,
+    "false": 0.0,
+}  # fmt: skip
+_ALONE: Final = {"pi": math.pi, "realmax": 1.7976931348623157e308, "realmin": 2.2250738585072014e-308}
+_BITS: Final = {"int8": 7, "int16": 15, "int32": 31, "int64": 63, "uint8": 8, "uint16": 16, "uint32": 32, "uint64": 64}
+
+
+def sizes(given: Given, begin: int = 0) -> list[int]:
+    """The size that arguments ask for; a class behind it says nothing here."""
+    found: list[float] = []
+    for at in range(begin, len(given)):
+        if isinstance(given.held[at], str):
+            break
+        found += [float(n) for n in given.numbers(at, "a size").ravel()]
+    made = [max(int(n), 0) for n in found if math.isfinite(n)]
+    if len(made) != len(found):
+        raise given.refuse("a size is not finite")
+    given.calls.desk.room(float(np.prod([float(n) for n in made])) if made else 1.0)
+    return made * 2 if len(made) == 1 and len(found) == 1 else made or [1, 1]
+
+
+@function(*_FILLED, least=0, most=8)
+def filled(given: Given) -> Held:
+    """An array of one number."""
+    made = np.full(sizes(given), given.calls.loom.const(_FILLED[given.name]), dtype=np.int64)
+    return truths(made) if given.name in ("true", "false") else made
+
+
+@function(*_ALONE, least=0, most=1)
+def alone(given: Given) -> Held:
+    """A number with a name."""
+    return constants(given.calls.loom, _ALONE[given.name])
+
+
+@function("eps", least=0, most=1)
+def spacing(given: Given) -> Held:
+    """The distance from 1, or from a fixed number, to the next larger number."""
+    if not len(given) or isinstance(given.held[0], str):
+        return constants(given.calls.loom, 2.0**-52)
+    return constants(given.calls.loom, np.spacing(np.abs(given.numbers(0))))
+
+
+@function("intmax", "intmin", "flintmax", least=0, most=1)
+def extreme(given: Given) -> Held:
+    """The largest or smallest number of a class."""
+    if given.name == "flintmax":
+        return constants(given.calls.loom, 2.0**53)
+    kind = given.text(0) if len(given) else "int32"
+    if kind not in _BITS:
+        raise given.refuse(f"{kind} is no class of integers")
+    high, signed = 2.0 ** _BITS[kind], not kind.startswith("u")
+    return constants(given.calls.loom, high - 1 if given.name == "intmax" else -high if signed else 0.0)
+
+
+@function("eye", least=0, most=3)
+def identity(given: Given) -> Held:
+    """A matrix with ones on its diagonal."""
+    rows, columns = (*sizes(given), 1)[:2]
+    return constants(given.calls.loom, np.eye(rows, columns))
+
+
+@function("linspace", least=2, most=3)
+def evenly(given: Given) -> Held:
+    """Evenly spaced numbers, whose ends may depend on signals."""
+    count = given.whole(2) if len(given) > 2 else 100
+    given.calls.desk.room(count)
+    loom, (first, last) = given.calls.loom, (given.array(0), given.array(1))
+    shares = constants(loom, np.linspace(0.0, 1.0, count).reshape(1, -1))
+    made = each(loom, "add", first, each(loom, "mul", each(loom, "sub", last, first), shares))
+    made[0, -1] = last.item()
+    return made
+
+
+def _shape(held: Held) -> tuple[int, ...]:
+    if isinstance(held, np.ndarray):
+        return held.shape
+    if isinstance(held, str):
+        return (1 if held else 0, len(held))
+    return held.shape if isinstance(held, Cells) else (1, 1)
+
+
+@function("size", least=1, most=2)
+def size(given: Given) -> Held | tuple[Held, ...]:
+    """The size of an array, along all dimensions or one."""
+    loom, shape = given.calls.loom, _shape(given.held[0])
+    if len(given) == 2:
+        chosen = [int(at) for at in given.numbers(1).ravel()]
+        return constants(loom, [[float(shape[at - 1]) if at <= len(shape) else 1.0 for at in chosen]])
+    if given.wanted <= 1:
+        return constants(loom, [[float(n) for n in shape]])
+    parts = [*shape, *(1,) * given.wanted][: given.wanted]
+    parts[-1] = int(np.prod(shape[given.wanted - 1 :])) if len(shape) >= given.wanted else 1
+    return tuple(constants(loom, float(n)) for n in parts)
+
+
+@function("numel", "length", "ndims", "isempty", "isscalar", "isvector", "isrow", "iscolumn", "ismatrix", "issquare")
+def told(given: Given) -> Held:
+    """What is known of an array by its size."""
+    shape = _shape(given.held[0])
+    count = int(np.prod(shape))
+    found = {
+        "numel": count, "length": max(shape) if count else 0, "ndims": len(shape), "isempty": count == 0,
+        "isscalar": count == 1, "isvector": len(shape) == 2 and 1 in shape, "isrow": len(shape) == 2 and shape[0] == 1,
+        "iscolumn": len(shape) == 2 and shape[1] == 1, "ismatrix": len(shape) == 2,
+        "issquare": len(shape) == 2 and shape[0] == shape[1],
+    }[given.name]  # fmt: skip
+    made = constants(given.calls.loom, float(found))
+    return truths(made) if isinstance(found, bool) else made
+
+
+@function("reshape", least=2, most=8)
+def reshaped(given: Given) -> Held:
+    """The elements in another shape; an empty size is what is left."""
+    array = given.array(0)
+    shape = [-1 if given.array(at).size == 0 else 0 for at in range(1, len(given))]
+    shape = [size or given.whole(at) for at, size in enumerate(shape, 1)] if -1 in shape else sizes(given, 1)
+    return array.reshape(shape, order="F")
+
+
+@function("repmat", least=2, most=4)
+def repeated(given: Given) -> Held:
+    """An array several times beside itself."""
+    counts, array = sizes(given, 1), given.array(0)
+    given.calls.desk.room(float(array.size) * float(np.prod(counts)))
+    return np.tile(array, counts)
+
+
+@function("horzcat", "vertcat", "cat", least=1, most=50)
+def beside(given: Given) -> Held:
+    """Arrays joined along a dimension."""
+    first = 1 if given.name == "cat" else 0
+    axis = given.whole(0) - 1 if first else int(given.name == "horzcat")
+    arrays = [np.asarray(given.array(at)) for at in range(first, len(given)) if given.array(at).size]
+    arrays = [one.reshape((*one.shape, *(1,) * (axis + 1 - one.ndim))) for one in arrays]
+    return np.concatenate(arrays, axis=axis)
+
+
+@function("transpose", "ctranspose")
+def transposed(given: Given) -> Held:
+    """Rows as columns."""
+    return given.array(0).T
+
+
+@function("permute", least=2, most=2)
+def permuted(given: Given) -> Held:
+    """Dimensions in another order."""
+    order = [int(n) - 1 for n in given.numbers(1).ravel()]
+    array = given.array(0)
+    made = np.transpose(array.reshape((*array.shape, *(1,) * (len(order) - array.ndim))), order)
+    while made.ndim > 2 and made.shape[-1] == 1:
+        made = made[..., 0]
+    return made
+
+
+@function("fliplr", "flipud", "flip", least=1, most=2)
+def flipped(given: Given) -> Held:
+    """Elements in the opposite order."""
+    array = given.array(0)
+    axis = {"fliplr": 1, "flipud": 0}.get(given.name, given.dimension(1, array))
+    return np.flip(array, axis)
+
+
+@function("circshift", least=2, most=3)
+def shifted(given: Given) -> Held:
+    """Elements moved by fixed numbers of places, those at the end to the beginning."""
+    array, by = given.array(0), [int(n) for n in given.numbers(1).ravel()]
+    if len(by) > 1:
+        return np.roll(array, by, axis=tuple(range(len(by))))
+    return np.roll(array, by[0], axis=given.dimension(2, array))
+
+
+@function("diag", least=1, most=2)
+def diagonal(given: Given) -> Held:
+    """The diagonal of a matrix, or a matrix with this diagonal."""
+    array, offset = given.array(0), given.whole(1) if len(given) > 1 else 0
+    if 1 not in array.shape:
+        return np.diagonal(array, offset).reshape(-1, 1).copy()
+    count = array.size + abs(offset)
+    made = np.full((count, count), given.calls.loom.const(0.0), dtype=np.int64)
+    places = np.arange(array.size)
+    made[places + max(-offset, 0), places + max(offset, 0)] = array.ravel(order="F")
+    return made
+
+
+@function("tril", "triu", least=1, most=2)
+def triangle(given: Given) -> Held:
+    """A matrix with zeros above or below its diagonal."""
+    array, offset = np.asarray(given.array(0)), given.whole(1) if len(given) > 1 else 0
+    keep = np.tril if given.name == "tril" else np.triu
+    return np.where(keep(np.ones(array.shape, dtype=bool), offset), array, given.calls.loom.const(0.0))
+
+
+@function("find", least=1, most=3)
+def found(given: Given) -> Held | tuple[Held, ...]:
+    """The places of the elements that are not 0, where that is fixed."""
+    array = given.array(0)
+    numbers = given.calls.desk.numbers(array, "the places that find tells")
+    if numbers is None:
+        return _first(given, array)
+    places = np.flatnonzero(numbers.ravel(order="F"))
+    if len(given) > 1:
+        last = len(given) > 2 and given.text(2) == "last"
+        places = places[-given.whole(1) :] if last else places[: given.whole(1)]
+    shape = (1, -1) if array.shape[0] == 1 and array.size != 1 else (-1, 1)
+    if given.wanted > 1:
+        rows, columns = np.unravel_index(places, array.shape, order="F")
+        return tuple(constants(given.calls.loom, (one + 1.0).reshape(shape)) for one in (rows, columns))
+    return constants(given.calls.loom, (places + 1.0).reshape(shape))
+
+
+def _first(given: Given, array: Nodes) -> Held:
+    """The first or last place, where there is one; how many there are would depend on signals otherwise."""
+    last = len(given) > 2 and given.text(2) == "last"
+    if len(given) < 2 or given.whole(1) != 1 or given.wanted > 1:
+        raise given.refuse(
+            "how many elements it finds depends on signals", "Write a loop over all elements, or find(x, 1)."
+        )
+    loom = given.calls.loom
+    made, flat = loom.const(float("nan")), [int(node) for node in array.ravel(order="F")]
+    order = range(len(flat)) if last else range(len(flat) - 1, -1, -1)
+    for at in order:
+        made = loom.call("select", flat[at], loom.const(at + 1.0), made)
+    return np.array([[made]], dtype=np.int64)
+
+
+@function("colon", least=2, most=3)
+def colon(given: Given) -> Held:
+    """A range of fixed ends."""
+    ends = [float(given.numbers(at).item()) for at in range(len(given))]
+    first, step, last = (ends[0], 1.0, ends[1]) if len(ends) == 2 else tuple(ends)
+    given.calls.desk.room(abs((last - first) / step) if step else 0.0)
+    count = max(math.floor((last - first) / step + 1e-10) + 1, 0) if step else 0
+    return constants(given.calls.loom, (first + step * np.arange(count)).reshape(1, -1))
+
+
+@function("meshgrid", least=1, most=2)
+def grids(given: Given) -> tuple[Held, ...]:
+    """Two vectors as the columns and rows of matrices."""
+    x, y = given.array(0), given.array(len(given) - 1)
+    given.calls.desk.room(float(x.size) * y.size)
+    made = np.meshgrid(x.ravel(order="F"), y.ravel(order="F"))
+    return tuple(made)
+
+
+@function("kron", least=2, most=2)
+def kronecker(given: Given) -> Held:
+    """Every element of a matrix times another matrix."""
+    loom, (a, b) = given.calls.loom, given.arrays
+    given.calls.desk.room(float(a.size) * b.size)
+    rows = [np.concatenate([each(loom, "mul", one.reshape(1, 1), b) for one in row], axis=1) for row in a]
+    return np.concatenate(rows, axis=0)
+
+
+@function("blkdiag", least=1, most=50)
+def blocks(given: Given) -> Held:
+    """Matrices along the diagonal of a larger one."""
+    arrays = [np.asarray(one) for one in given.arrays]
+    shape = [sum(one.shape[axis] for one in arrays) for axis in (0, 1)]
+    given.calls.desk.room(float(np.prod(shape)))
+    made, row, column = np.full(shape, given.calls.loom.const(0.0), dtype=np.int64), 0, 0
+    for one in arrays:
+        made[row : row + one.shape[0], column : column + one.shape[1]] = one
+        row, column = row + one.shape[0], column + one.shape[1]
+    return made
+
+
+@function("cell", least=0, most=3)
+def cells(given: Given) -> Held:
+    """Empty cells."""
+    rows, columns = (sizes(given) if len(given) else [0, 0])[:2]
+    empty = np.zeros((0, 0), dtype=np.int64)
+    return Cells((empty,) * (rows * columns), (rows, columns))
+
+
+@function("iscell", "isstruct", "ischar", "isstring", "isnumeric", "islogical", "isreal", "isfloat", "isinteger")
+def is_kind(given: Given) -> Held:
+    """What kind of value it is; all numbers are real, in double precision."""
+    held = given.held[0]
+    number = isinstance(held, np.ndarray) and not isinstance(held, Truths)
+    found = {
+        "iscell": isinstance(held, Cells), "isstruct": isinstance(held, Struct), "ischar": isinstance(held, str),
+        "isstring": isinstance(held, str), "islogical": isinstance(held, Truths), "isinteger": False,
+    }.get(given.name, number)  # fmt: skip
+    return truths(constants(given.calls.loom, float(found)))

@@ -1,0 +1,98 @@
+"""Functions that tell what a value is."""
+
+import numpy as np
+
+from kennfeld.models.simulink.code.functions.registry import Given, function
+from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, leaves, truths
+from kennfeld.models.simulink.expressions import each, fold
+
+_INTEGERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "integer")
+
+
+def _fixed(given: Given, found: bool) -> Held:
+    return truths(constants(given.calls.loom, float(found)))
+
+
+@function("isnan")
+def is_nan(given: Given) -> Held:
+    """Whether elements are not numbers."""
+    x = given.array(0)
+    return truths(each(given.calls.loom, "ne", x, x))
+
+
+@function("isinf")
+def is_infinite(given: Given) -> Held:
+    """Whether elements are infinite."""
+    loom = given.calls.loom
+    return truths(each(loom, "eq", each(loom, "abs", given.array(0)), constants(loom, np.inf)))
+
+
+@function("isfinite")
+def is_finite(given: Given) -> Held:
+    """Whether elements are finite numbers."""
+    loom = given.calls.loom
+    return truths(each(loom, "lt", each(loom, "abs", given.array(0)), constants(loom, np.inf)))
+
+
+@function("strcmp", "strcmpi", "strncmp", "strncmpi", least=2, most=3)
+def same_text(given: Given) -> Held:
+    """Whether two texts are the same, or begin so."""
+    one, other = given.held[0], given.held[1]
+    if isinstance(one, Cells) or isinstance(other, Cells):
+        raise given.refuse("cells of texts are not supported")
+    if not (isinstance(one, str) and isinstance(other, str)):
+        return _fixed(given, False)
+    if given.name.endswith("i"):
+        one, other = one.casefold(), other.casefold()
+    if given.name.startswith("strn"):
+        count = given.whole(2)
+        return _fixed(given, len(one) >= count and len(other) >= count and one[:count] == other[:count])
+    return _fixed(given, one == other)
+
+
+@function("isa", least=2, most=2)
+def is_a(given: Given) -> Held:
+    """Whether a value is of a class; all numbers are in double precision."""
+    held, kind = given.held[0], given.text(1)
+    number = isinstance(held, np.ndarray) and not isinstance(held, Truths)
+    kinds = {"struct": Struct, "cell": Cells, "char": str, "logical": Truths}
+    if kind in kinds:
+        return _fixed(given, isinstance(held, kinds[kind]))
+    return _fixed(given, number and kind in ("double", "float", "numeric"))
+
+
+@function("class")
+def class_of(given: Given) -> Held:
+    """The class of a value; all numbers are in double precision."""
+    held = given.held[0]
+    kinds = {Struct: "struct", Cells: "cell", str: "char", Truths: "logical"}
+    return next((name for kind, name in kinds.items() if isinstance(held, kind)), "double")
+
+
+@function("isequal", least=2, most=2)
+def equal(given: Given) -> Held:
+    """Whether two values have the same size and elements."""
+    one, other = given.held[0], given.held[1]
+    if isinstance(one, str) and isinstance(other, str):
+        return _fixed(given, one == other)
+    first, second = (list(leaves(held)) for held in (one, other))
+    if [part.shape for part in first] != [part.shape for part in second]:
+        return _fixed(given, False)
+    loom = given.calls.loom
+    pairs = zip(first, second, strict=True)
+    parts = [int(node) for a, b in pairs for node in each(loom, "eq", a, b).ravel()]
+    return truths(np.array([[fold(loom, "and", parts) if parts else loom.const(1.0)]], dtype=np.int64))
+
+
+@function("ismember", least=2, most=2)
+def is_member(given: Given) -> Held:
+    """Whether elements are among those of an array, or a text among cells of texts."""
+    one, other = given.held[0], given.held[1]
+    if isinstance(one, str):
+        return _fixed(given, isinstance(other, Cells) and one in other.cells)
+    loom, made = given.calls.loom, np.full(given.array(0).shape, given.calls.loom.const(0.0), dtype=np.int64)
+    given.calls.desk.room(float(made.size) * given.array(1).size)
+    for node in given.array(1).ravel(order="F"):
+        same = each(loom, "eq", given.array(0), node.reshape(1, 1))
+        made = each(loom, "or", made, same)
+    return truths(made)

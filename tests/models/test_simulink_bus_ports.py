@@ -1,0 +1,92 @@
+"""Ports that several blocks share, each for an element of a bus."""
+
+import numpy as np
+import pytest
+from simulink_files import LAYOUTS, Model
+from simulink_runs import imported, run
+
+from kennfeld.errors import InputError
+
+U, V = np.random.default_rng(37).normal(size=(2, 12))
+
+
+def element(system, kind, name, port, way, bus="Bus"):
+    system.block(kind, name, IsBusElementPort="on", Port=str(port), PortName=bus, Element=way)
+
+
+def drawn(control=None):
+    """A subsystem that takes n and air.p of one bus, and gives sum and deep.product in another."""
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.inport("v")
+    model.block("BusCreator", "Air", ports=(1, 1), Inputs="1")
+    model.block("BusCreator", "All", ports=(2, 1), Inputs="2")
+    inner = model.subsystem("S", ports={"in": 1, "out": 1, **({"enable": 1} if control else {})})
+    element(inner, "Inport", "n", 1, "n")
+    element(inner, "Inport", "p", 1, "air.p")
+    element(inner, "Outport", "first", 1, "sum")
+    element(inner, "Outport", "second", 1, "deep.product")
+    inner.block("Sum", "T", ports=(2, 1))
+    inner.block("Product", "M", ports=(2, 1))
+    if control:
+        inner.block("EnablePort", "E")
+    for at, name in enumerate(("n", "p"), 1):
+        inner.line(name, f"T:{at}", f"M:{at}")
+    inner.line("T", "first")
+    inner.line("M", "second")
+    model.block("BusSelector", "Pick", ports=(1, 2), OutputSignals="sum,deep.product")
+    model.outport("a")
+    model.outport("b")
+    model.line("v", "Air", name="p")
+    model.line("Air", "All:2", name="air")
+    model.line("u", "All:1", name="n")
+    model.chain("All", "S", "Pick")
+    model.line("Pick:1", "a")
+    model.line("Pick:2", "b")
+    return model
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_subsystem_takes_and_gives_elements_of_buses(layout, tmp_path):
+    found = run(imported(drawn(), tmp_path, layout), {"u": U, "v": V})
+    np.testing.assert_allclose(found["a"], U + V)
+    np.testing.assert_allclose(found["b"], U * V)
+
+
+def test_elements_at_the_top_are_channels_and_outputs_of_their_own(tmp_path):
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    element(model, "Inport", "In Bus Element", 1, "n", "Engine")
+    element(model, "Inport", "In Bus Element1", 1, "air.p", "Engine")
+    element(model, "Outport", "Out Bus Element", 1, "m", "Result")
+    element(model, "Outport", "Out Bus Element1", 1, "k", "Result")
+    model.block("Gain", "G", Gain="2")
+    model.block("Gain", "H", Gain="3")
+    model.chain("In Bus Element", "G", "Out Bus Element")
+    model.chain("In Bus Element1", "H", "Out Bus Element1")
+    made = imported(model, tmp_path)
+    assert made.graph.outputs == ("Result.m", "Result.k")
+    found = run(made, {"Engine.n": U, "Engine.air.p": V})
+    np.testing.assert_allclose(found["Result.m"], 2 * U)
+    np.testing.assert_allclose(found["Result.k"], 3 * V)
+
+
+def test_an_element_that_the_bus_does_not_have_is_told(tmp_path):
+    model = drawn()
+    model.blocks[4].system.blocks[0].parameters["Element"] = "speed"
+    with pytest.raises(InputError, match="S/n: it selects speed, but the bus has n, air"):
+        imported(model, tmp_path)
+
+
+def test_elements_that_leave_a_conditional_subsystem_are_refused(tmp_path):
+    model = drawn(control=True)
+    model.line("u", "S#enable")
+    with pytest.raises(InputError, match="S/first: it is an output of a conditional subsystem that is made of bus"):
+        imported(model, tmp_path)
+
+
+def test_elements_at_a_subsystem_that_runs_several_times_are_refused(tmp_path):
+    model = drawn()
+    inner = model.blocks[4].system
+    inner.block("ForIterator", "For", ports=(0, 1), IterationLimit="3")
+    with pytest.raises(InputError, match="it is a bus element of a subsystem that runs several times in a step"):
+        imported(model, tmp_path)

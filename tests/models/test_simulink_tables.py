@@ -1,0 +1,197 @@
+"""Lookups in parts and by places, against numpy."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from simulink_files import LAYOUTS, Model
+from simulink_runs import alone, imported, run, slopes
+
+from kennfeld.errors import InputError
+
+RNG = np.random.default_rng(31)
+COUNT = 25
+U = RNG.uniform(-1, 5, size=COUNT)
+POINTS = np.array([0.0, 1.0, 3.0, 4.0])
+
+
+def cells(u, points):
+    index = np.clip(np.searchsorted(points, u, side="right") - 1, 0, len(points) - 2)
+    return index, (u - points[index]) / (points[index + 1] - points[index])
+
+
+@pytest.mark.parametrize("last", ["on", "off"])
+@pytest.mark.parametrize("beyond", ["Clip", "Linear"])
+def test_a_prelookup_finds_the_cell_and_the_fraction(last, beyond, tmp_path):
+    u = np.concatenate([U, POINTS])
+    drawn = alone("PreLookup", 1, 2, BreakpointsData="[0 1 3 4]", ExtrapMethod=beyond, UseLastBreakpoint=last)
+    found = run(imported(drawn, tmp_path), {"u1": u})
+    index, fraction = cells(u, POINTS)
+    if beyond == "Clip":
+        fraction = np.clip(fraction, 0, 1)
+        if last == "on":
+            index, fraction = (
+                np.where(fraction == 1, 3, index) * 1,
+                np.where((fraction == 1) & (index == 2), 0, fraction),
+            )
+    np.testing.assert_array_equal(found["y1"], index)
+    np.testing.assert_allclose(found["y2"], fraction, atol=1e-14)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_breakpoints_may_be_an_input(layout, tmp_path):
+    drawn = alone("PreLookup", 2, 2, BreakpointsDataSource="Input port", ExtrapMethod="Linear")
+    next(one for one in drawn.blocks if one.name == "u2").parameters["PortDimensions"] = "4"
+    shift = RNG.normal(size=COUNT)
+    columns = {f"u2[{at}]": point + shift for at, point in enumerate(POINTS, 1)}
+    found = run(imported(drawn, tmp_path, layout), {"u1": U, **columns})
+    index, fraction = cells(U - shift, POINTS)
+    np.testing.assert_array_equal(found["y1"], index)
+    np.testing.assert_allclose(found["y2"], fraction, atol=1e-12)
+
+
+def parts(bus="off", chosen=0):
+    """A table Z of three dimensions, the last of which is chosen by number."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    names = ["a", "b", "n"][: 2 + chosen]
+    for name in names:
+        drawn.inport(name)
+    outputs = "Index and fraction as bus" if bus == "on" else "Index and fraction"
+    for name, points in (("a", "[0 1 3]"), ("b", "[-1 1 4 5]")):
+        drawn.block("PreLookup", f"P{name}", ports=(1, 1 if bus == "on" else 2), BreakpointsData=points,
+                    OutputSelection=outputs)  # fmt: skip
+        drawn.line(name, f"P{name}")
+    ends = ["Pa", "Pb"] if bus == "on" else ["Pa:1", "Pa:2", "Pb:1", "Pb:2"]
+    ends += names[2:]
+    drawn.block("Interpolation_n-D", "M", ports=(len(ends), 1), Table="Z", RequireIndexFractionAsBus=bus,
+                NumberOfTableDimensions=str(2 + chosen), NumSelectionDims=str(chosen))  # fmt: skip
+    drawn.outport("y")
+    for at, end in enumerate(ends, 1):
+        drawn.line(end, f"M:{at}")
+    drawn.chain("M", "y")
+    return drawn
+
+
+Z = RNG.normal(size=(3, 4, 2))
+A, B = RNG.uniform(-1, 4, size=(2, COUNT))
+
+
+def bilinear(table, a, b):
+    a, b = np.clip(a, 0, 3), np.clip(b, -1, 5)
+    (i, f), (j, g) = cells(a, np.array([0.0, 1, 3])), cells(b, np.array([-1.0, 1, 4, 5]))
+    low = table[i, j] + f * (table[i + 1, j] - table[i, j])
+    high = table[i, j + 1] + f * (table[i + 1, j + 1] - table[i, j + 1])
+    return low + g * (high - low)
+
+
+@pytest.mark.parametrize("bus", ["on", "off"])
+def test_an_interpolation_takes_cells_and_fractions_also_as_buses(bus, tmp_path):
+    model = imported(parts(bus), tmp_path, parameters=[{"Z": Z[:, :, 0]}])
+    found = run(model, {"a": A, "b": B})["y"]
+    np.testing.assert_allclose(found, bilinear(Z[:, :, 0], A, B), atol=1e-12)
+    exact, differences = slopes(model, {"a": A, "b": B}, "Z", "y")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
+
+
+def test_parts_of_a_table_are_chosen_by_number(tmp_path):
+    number = np.array([0.0, 1.0, 1.7, -3.0, 9.0] * 5)
+    model = imported(parts(chosen=1), tmp_path, parameters=[{"Z": Z}])
+    found = run(model, {"a": A, "b": B, "n": number})["y"]
+    part = np.clip(np.floor(number), 0, 1).astype(int)
+    both = np.stack([bilinear(Z[:, :, at], A, B) for at in (0, 1)])
+    np.testing.assert_allclose(found, both[part, np.arange(COUNT)], atol=1e-12)
+
+
+def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
+    place = RNG.integers(-1, 4, size=(2, COUNT)).astype(float)
+    drawn = alone("LookupNDDirect", 2, NumberOfTableDimensions="2", Table="Z")
+    table = Z[:, :, 0]
+    model = imported(drawn, tmp_path, parameters=[{"Z": table}])
+    found = run(model, {"u1": place[0], "u2": place[1] + 0.5})["y1"]
+    rows, columns = np.clip(place[0], 0, 2).astype(int), np.clip(place[1], 0, 3).astype(int)
+    np.testing.assert_array_equal(found, table[rows, columns])
+    drawn = alone("LookupNDDirect", 1, NumberOfTableDimensions="2", Table="Z", InputsSelectThisObjectFromTable="Column")
+    found = run(imported(drawn, tmp_path, parameters=[{"Z": table}]), {"u1": place[1]})
+    for at in range(3):
+        np.testing.assert_array_equal(found[f"y1[{at + 1}]"], table[at, columns])
+
+
+@pytest.mark.parametrize(
+    ("kind", "inputs", "parameters", "told"),
+    [
+        ("LookupNDDirect", 1, {"TableIsInput": "on"}, "its table is an input"),
+        (
+            "LookupNDDirect",
+            1,
+            {"InputsSelectThisObjectFromTable": "2-D Matrix"},
+            "'2-D Matrix', which is not supported",
+        ),
+        ("LookupNDDirect", 1, {"NumberOfTableDimensions": "2"}, "do not choose an element of a table of 2 dimensions"),
+        ("Interpolation_n-D", 4, {"RequireIndexFractionAsBus": "on"}, "its input 1 is no bus of an index"),
+        ("Interpolation_n-D", 4, {"TableSource": "Input port"}, "TableSource is 'Input port'"),
+        ("Interpolation_n-D", 4, {"InterpMethod": "Cubic spline"}, "it has a spline, which needs the breakpoints"),
+        ("PreLookup", 1, {"BreakpointsData": "[1 3 2]"}, "its breakpoints do not increase"),
+        ("Lookup_n-D", 5, {"NumberOfTableDimensions": "5"}, "its table has 5 dimensions"),
+        ("Lookup_n-D", 1, {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"}, "is 'Akima spline'"),
+    ],
+)
+def test_lookups_that_are_not_supported_say_why(kind, inputs, parameters, told, tmp_path):
+    with pytest.raises(InputError, match=told):
+        imported(alone(kind, inputs, **parameters), tmp_path)
+
+
+X1, X2 = np.array([0.0, 1.0, 2.5, 3.0, 5.0]), np.array([-1.0, 0.5, 2.0, 4.0])
+W = RNG.normal(size=(5, 4))
+
+
+def natural(points, values, x, beyond):
+    """A natural spline of scipy, along the first dimension, and what goes on beyond its ends."""
+    made = CubicSpline(points, values, bc_type="natural")
+    inside = np.clip(x, points[0], points[-1])
+    y = made(inside) if beyond != "Cubic spline" else made(x)
+    if beyond == "Linear":
+        y = y + made(inside, 1) * (x - inside)
+    return y
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("beyond", ["Clip", "Linear", "Cubic spline"])
+def test_a_spline_is_that_of_scipy(beyond, layout, tmp_path):
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 2.5 3 5]",
+                  InterpMethod="Cubic spline", ExtrapMethod=beyond)  # fmt: skip
+    model = imported(drawn, tmp_path, layout, parameters=[{"Eta": W[:, 0]}])
+    u = np.concatenate([U * 1.5, X1])
+    found = run(model, {"u1": u})["y1"]
+    np.testing.assert_allclose(found, natural(X1, W[:, 0], u, beyond), rtol=1e-11, atol=1e-11)
+    exact, differences = slopes(model, {"u1": u}, "Eta", "y1")
+    np.testing.assert_allclose(exact, differences, atol=1e-7)
+    assert (np.abs(exact) > 1e-6).sum(axis=1).max() == 5
+
+
+@pytest.mark.parametrize("beyond", ["Clip", "Linear", "Cubic spline"])
+def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_path):
+    drawn = alone("Lookup_n-D", 2, NumberOfTableDimensions="2", Table="Map", BreakpointsForDimension1="[0 1 2.5 3 5]",
+                  BreakpointsForDimension2="[-1 0.5 2 4]", InterpMethod="Cubic spline",
+                  ExtrapMethod=beyond)  # fmt: skip
+    model = imported(drawn, tmp_path, parameters=[{"Map": W}])
+    assert model.values["Map"].values.shape == (5, 4)
+    a, b = RNG.uniform(-1, 6, size=(2, COUNT))
+    found = run(model, {"u1": a, "u2": b})["y1"]
+    lines = [natural(X1, W, one, beyond) for one in a]
+    expected = [float(natural(X2, line, one, beyond)) for line, one in zip(lines, b, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+    exact, differences = slopes(model, {"u1": a[:5], "u2": b[:5]}, "Map", "y1")
+    np.testing.assert_allclose(exact, differences, atol=1e-7)
+
+
+def test_a_spline_through_two_points_is_a_line_and_one_through_very_many_is_refused(tmp_path):
+    options = {"NumberOfTableDimensions": "1", "InterpMethod": "Cubic spline", "ExtrapMethod": "Linear"}
+    drawn = alone("Lookup_n-D", Table="[1 3]", BreakpointsForDimension1="[0 2]", **options)
+    np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], 1 + U, atol=1e-12)
+    drawn = alone("Lookup_n-D", Table="1:2000", BreakpointsForDimension1="1:2000", **options)
+    with pytest.raises(InputError, match="a spline through a table of 2000 values is too large"):
+        imported(drawn, tmp_path)
+
+
+def test_a_slider_is_a_gain(tmp_path):
+    found = run(imported(alone("Reference", special="Slider Gain", gain="2.5"), tmp_path), {"u1": U})["y1"]
+    np.testing.assert_allclose(found, 2.5 * U)
