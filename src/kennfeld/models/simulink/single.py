@@ -20,7 +20,8 @@ def single(block: Block, inside: System) -> System:
 
 def _ports(block: Block, inside: System, kind: str) -> Iterator[tuple[Block, Line]]:
     for port in inside.of(kind):
-        number = int((port.value("Port") or "1").strip() or 1)
+        written = (port.value("Port") or "1").strip()
+        number = int(written) if written.isdecimal() and len(written) < 7 else 1
         made = _port(kind, port.name.removesuffix("()"), number)
         if kind == "Inport":
             yield made, Line(Endpoint(made.sid, "out"), (Endpoint(block.sid, "in", number),))

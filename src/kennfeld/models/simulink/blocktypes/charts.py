@@ -42,6 +42,8 @@ def chart(site: Site) -> tuple[Wired, ...]:
             return _Chart(site, given, sizes).outputs()
         except ResizedError as resized:
             sizes[resized.key] = resized.shape
+        except RecursionError:
+            raise UnsupportedError("its states lie too deep within each other", _MEND) from None
     raise UnsupportedError("the sizes of its variables do not settle", "Declare them.")
 
 
