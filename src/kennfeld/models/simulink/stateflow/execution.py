@@ -21,6 +21,7 @@ from kennfeld.models.simulink.unsupported import UnsupportedError
 __all__ = ["Machine"]
 
 _MOST_WORK = 30_000
+_FEW = 12  # children; what many of them do is followed apart, so that one does not burden the next
 _DEEPEST = 12  # events sent, or functions called, within each other
 _MEND = "Draw it as blocks, or bind its outputs."
 _IMPLICIT = {"en": "entry", "enter": "entry", "entry": "entry", "ex": "exit", "exit": "exit"}
@@ -163,8 +164,18 @@ class Machine:
                 if where is not None:
                     self._execute(child, context, where)
             return
-        for child, where in self._each_child(state, guard):
+        ways = self._each_child(state, guard)
+        if len(ways) <= _FEW:
+            for child, where in ways:
+                self._execute(child, context, where)
+            return
+        before = self.variables.values
+        after = []
+        for child, where in ways:
+            self.variables.values = dict(before)
             self._execute(child, context, where)
+            after.append((where, self.variables.values))
+        self.variables.values = self.variables.joined(before, after)
 
     def _each_child(self, state: State, guard: Guard) -> list[tuple[State, Guard]]:
         """The children of a state that may be active now, each with the guard where it is."""
