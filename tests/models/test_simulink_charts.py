@@ -604,11 +604,17 @@ def test_a_loop_may_end_by_a_signal_within_its_bound(tmp_path):
 
 
 REFUSED = [
+    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"stateMachineType": "MOORE_MACHINE"}), "it is a Moore chart"),
+    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"enableNonTerminalStates": "1"}), "it runs in super steps"),
+    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"initializeOutput": "1"}), "begins with new outputs"),
     (Chart({"A": "A\ndu: y = u"}, [("", "A", "")], IO, settings={"updateMethod": "CONTINUOUS"}), "in continuous time"),
     (Chart({"A": "A\ny = u;"}, [("", "A", "")], IO), "actions without a keyword"),
     (Chart({"A": "A\ndu: y = ml.sin(u);"}, [("", "A", "")], IO), "it calls ml"),
     (Chart({"A": "A\ndu: y = u << 2;"}, [("", "A", "")], IO), "the operation << on bits"),
-    (Chart({"A": "A\ndu: y = u & 3;"}, [("", "A", "")], IO, settings={"enableBitOps": "1"}), "the operation & on bits"),
+    (
+        Chart({"A": "A\ndu: y = u & 3;"}, [("", "A", "")], IO, settings={"actionLanguage": "1"}),
+        "the operation & on bits",
+    ),
     (Chart({"A": "A\ndu: q = u;"}, [("", "A", "")], IO), "what is no variable of the chart"),
     (Chart({"A": "A\ndu: y = q;"}, [("", "A", "")], IO), "variable q: has no value; C needs it"),
     (Chart({"A": "A\ndu: u = y;"}, [("", "A", "")], IO), "u, which it may only read"),

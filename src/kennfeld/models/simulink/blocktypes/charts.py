@@ -43,7 +43,7 @@ def chart(site: Site) -> tuple[Wired, ...]:
         except ResizedError as resized:
             sizes[resized.key] = resized.shape
         except RecursionError:
-            raise UnsupportedError("its states or its code are nested without end", _MEND) from None
+            raise UnsupportedError("its states lie too deep within each other", _MEND) from None
     raise UnsupportedError("the sizes of its variables do not settle", "Declare them.")
 
 
@@ -54,9 +54,9 @@ def _check(given: Chart) -> None:
     machine = given.settings.get("stateMachineType", "")
     if "MOORE" in machine.upper():
         raise UnsupportedError("it is a Moore chart", _MEND)
-    if any(given.settings.get(key, "0") not in ("0", "off") for key in ("enableSuperStep", "superStep")):
+    if given.settings.get("enableNonTerminalStates", "0") != "0":
         raise UnsupportedError("it runs in super steps", _MEND)
-    if given.settings.get("initializeOutput", "0") not in ("0", "off"):
+    if given.settings.get("initializeOutput", "0") != "0":
         raise UnsupportedError("it begins with new outputs whenever it wakes up", _MEND)
     ids = [*(state.id for state in given.states), *(junction.id for junction in given.junctions)]
     if "" in ids or len(set(ids)) < len(ids):
@@ -122,7 +122,7 @@ class _Chart:
         if not self.given.execute_at_initialization:
             return {**values, **self._watched({**values, **self._inputs()})}
         begun = self._machine({**values, **self._inputs(before=True), **self._watched({**values, **self._inputs()})})
-        begun.time = self.loom.const(0.0)
+        begun.timing.time = self.loom.const(0.0)
         begun.called = _called_too_early
         self._parallel(begun)
         begun.begin(self.logic.always)

@@ -74,7 +74,10 @@ class Calls:
             seen.add(atom)
             if atom in self._controls:
                 found.add(self._controls[atom])
-            waiting += self.site.weaver.needed(atom)
+            if atom.kind == "Chart":  # which of its inputs it needs is asked in turn
+                waiting += [one.atom for one in atom.inputs if one is not None]
+            else:
+                waiting += self.site.weaver.needed(atom)
         return frozenset(found)
 
     def start(self, at: int) -> Nodes:

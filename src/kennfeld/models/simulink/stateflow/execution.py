@@ -3,17 +3,17 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.signals import Nodes
-from kennfeld.models.simulink.stateflow.diagram import Action, Arrow, Diagram, Event, Function, Knot, State
+from kennfeld.models.simulink.stateflow.diagram import Action, Arrow, Diagram, Event, Knot, State
 from kennfeld.models.simulink.stateflow.flows import Fired, Search, sure_knots
+from kennfeld.models.simulink.stateflow.functions import Functions
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
 from kennfeld.models.simulink.stateflow.statements import Statements
 from kennfeld.models.simulink.stateflow.timers import SECONDS, TEMPORAL, TICKS, Timers, unit_of
+from kennfeld.models.simulink.stateflow.timing import Timing
 from kennfeld.models.simulink.stateflow.values import Context, Values
 from kennfeld.models.simulink.stateflow.variables import Variables
 from kennfeld.models.simulink.unsupported import UnsupportedError
@@ -21,9 +21,9 @@ from kennfeld.models.simulink.unsupported import UnsupportedError
 __all__ = ["Machine"]
 
 _MOST_WORK = 30_000
+_FEW = 12  # children; what many of them do is followed apart, so that one does not burden the next
 _DEEPEST = 12  # events sent, or functions called, within each other
 _MEND = "Draw it as blocks, or bind its outputs."
-_NEAR = 1e-6  # of a step, as far as times may be rounded
 _IMPLICIT = {"en": "entry", "enter": "entry", "entry": "entry", "ex": "exit", "exit": "exit"}
 _CHANGED = ("change", "chg")
 
@@ -33,8 +33,8 @@ Called = Callable[[Event, Guard], None]
 class Machine:
     """Follows one step of a chart.
 
-    `variables` hold what the step begins with and, in the end, what it leaves. `time` and `dt` are nodes in s.
-    `called` is told of output events that call functions.
+    `variables` hold what the step begins with and, in the end, what it leaves. `clock` are the nodes of time and step
+    in s. `called` is told of output events that call functions.
     """
 
     def __init__(
@@ -55,12 +55,12 @@ class Machine:
         self.variables = Variables(self.logic, values, sized)
         self.values = Values(self, expressions, scope)
         self.statements = Statements(self, self.values)
-        self.time, self.dt = clock
+        self.timing = Timing(self, timers, *clock)
+        self.functions = Functions(self)
         self.called = called
         self.sent = 0
         self._done = 0
         self._depth = 0
-        self._frames = 0
         knots = list(diagram.knots)
         self.sure = sure_knots(knots)
         self.reach = {knot: _reached(knot) for knot in knots}
@@ -78,20 +78,20 @@ class Machine:
         """One execution of the chart."""
         root = self.diagram.root
         context = Context(root, root, event, place="the chart")
-        self._count(event, guard)
+        self.timing.count(event, guard)
         active = self.variables.one("active", guard)
         first = self.logic.where(guard, active, holds=False)
         later = self.logic.where(guard, active)
         self.variables.put("active", self.loom.const(1.0), guard)
         self._watch(first, guard)
         if not root.children:
-            self._flow(root, context, guard)
+            self.flow(root, context, guard)
             return
         if first is not None:
             self._clear(root, first)
             self.enter_children(root, context, first)
         if later is not None:
-            self._measure(context, later)
+            self.timing.measure(context, later)
             self._children(root, context, later)
 
     def _watch(self, first: Guard | None, guard: Guard) -> None:
@@ -112,9 +112,9 @@ class Machine:
             self._clear(root, guard)
             self.enter_children(root, context, guard)
         else:
-            self._flow(root, context, guard)
+            self.flow(root, context, guard)
 
-    def _flow(self, root: State, context: Context, guard: Guard) -> None:
+    def flow(self, root: State, context: Context, guard: Guard) -> None:
         """The flow chart of a chart without states, or of a function."""
         search = Search(self, context)
         search.run(root.defaults, guard)
@@ -164,8 +164,18 @@ class Machine:
                 if where is not None:
                     self._execute(child, context, where)
             return
-        for child, where in self._each_child(state, guard):
+        ways = self._each_child(state, guard)
+        if len(ways) <= _FEW:
+            for child, where in ways:
+                self._execute(child, context, where)
+            return
+        before = self.variables.values
+        after = []
+        for child, where in ways:
+            self.variables.values = dict(before)
             self._execute(child, context, where)
+            after.append((where, self.variables.values))
+        self.variables.values = self.variables.joined(before, after)
 
     def _each_child(self, state: State, guard: Guard) -> list[tuple[State, Guard]]:
         """The children of a state that may be active now, each with the guard where it is."""
@@ -260,7 +270,7 @@ class Machine:
             if state.parent.history:
                 self.variables.put(f"history {state.parent.id}", number, guard)
         self._clear(state, guard)
-        self._restart(state, guard)
+        self.timing.restart(state, guard)
         after = self._acted(state, "entry", context, guard)
         if after is None:
             return None
@@ -346,24 +356,24 @@ class Machine:
         if isinstance(tree, m.Call) and (name in _IMPLICIT or name in _CHANGED):
             return guard if context.event == self._implied(name, tree, context) else None
         if isinstance(tree, m.Name) and tree.name in TICKS and self.diagram.event(tree.name, context.scope) is None:
-            return guard if self._is_waking(context.event) else None
+            return guard if self.is_waking(context.event) else None
         found = self.values.event(tree, context)
         if found is None:
             raise UnsupportedError(f"{context.place}: it waits for what is no event of the chart")
         return guard if context.event == found[0].key else None
 
-    def _is_waking(self, event: str) -> bool:
+    def is_waking(self, event: str) -> bool:
         """Whether what is processed comes from outside, not from the chart itself."""
         return not event or any(one.key == event for one in self.diagram.inputs)
 
     def _timed(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> Guard | None:
         unit = unit_of(name, arguments) if name != "duration" else "sec"
-        if unit in TICKS and not self._is_waking(context.event):
+        if unit in TICKS and not self.is_waking(context.event):
             return None
         event = self.diagram.event(unit, context.scope)
         if unit not in TICKS and unit not in SECONDS and (event is None or event.key != context.event):
             return None
-        return self.logic.where(guard, self.temporal(name, arguments, context, guard))
+        return self.logic.where(guard, self.timing.temporal(name, arguments, context, guard))
 
     def _implied(self, name: str, tree: m.Call, context: Context) -> str:
         """The key of the event that a state is entered or left, or a variable is changed."""
@@ -398,7 +408,7 @@ class Machine:
             return
         if event.written.scope != "LOCAL_EVENT":
             raise UnsupportedError(f"{context.place}: it sends {event.written.name}, which comes from outside")
-        self._count(event.key, guard)
+        self.timing.count(event.key, guard)
         self._broadcast(event.key, to or event.owner, guard)
 
     def _emit(self, event: Event, guard: Guard) -> None:
@@ -411,7 +421,7 @@ class Machine:
 
     def _broadcast(self, event: str, to: State, guard: Guard) -> None:
         self.sent += 1
-        self._deeper("sends events to itself")
+        self.deeper("sends events to itself")
         where = self.logic.where(guard, self.active(to, guard))
         context = Context(to, to, event, place=f"its state {to.path}" if to.path else "the chart")
         if where is not None and to.parent is None:
@@ -420,147 +430,21 @@ class Machine:
             self._execute(to, context, where)
         self._depth -= 1
 
-    def _deeper(self, what: str) -> None:
+    def deeper(self, what: str) -> None:
+        """Begin something that may come again within itself; raises `UnsupportedError` where it does so too often."""
         self._depth += 1
         if self._depth > _DEEPEST:
             raise UnsupportedError(f"it {what} without an end, or more than {_DEEPEST} deep", _MEND)
 
-    # time
-
-    def _count(self, event: str, guard: Guard) -> None:
-        """Count an event, or that the chart wakes up."""
-        for key, timer in self.timers.all.items():
-            waking = timer.kind == "ticks" and self._is_waking(event)
-            if waking or (timer.kind == "events" and timer.event is not None and timer.event.key == event):
-                more = self.loom.call("add", self.variables.one(key, guard), self.loom.const(1.0))
-                self.variables.put(key, more, guard)
-
-    def _restart(self, state: State, guard: Guard) -> None:
-        """Begin to count anew as a state is entered."""
-        for timer in self.timers.of(state):
-            self.variables.put(timer.key, self.time if timer.kind == "entered" else self.loom.const(0.0), guard)
-
-    def _measure(self, context: Context, guard: Guard) -> None:
-        """Note since when the conditions of `duration` hold."""
-        for key, timer in self.timers.all.items():
-            where = self.logic.where(guard, self.active(timer.state, guard)) if timer.kind == "true" else None
-            if where is None or timer.condition is None:
-                continue
-            here = replace(context, scope=timer.state, owner=timer.state, place=f"its state {timer.state.path}")
-            holds = self.values.one(timer.condition, here, where)
-            held = self.variables.one(key, where)
-            begun = self.loom.call("and", holds, self.loom.call("not", held))
-            since = self.variables.one(f"since {key}", where)
-            self.variables.put(f"since {key}", self.loom.call("select", begun, self.time, since), where)
-            self.variables.put(key, self.loom.call("ne", holds, self.loom.const(0.0)), where)
-
-    def temporal(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> int:
-        """The value of a temporal operator: a truth of `after` and its like, a number of `temporalCount`."""
-        timer = self.timers.timer(name, arguments, context.owner)
-        if timer.key not in self.variables:
-            raise UnsupportedError(f"{context.place}: {name} stands where no state counts")
-        count = self.variables.one(timer.key, guard)
-        if timer.kind == "true":
-            passed = self.loom.call("sub", self.time, self.variables.one(f"since {timer.key}", guard))
-            scale = self._scale(arguments[1]) if len(arguments) == 2 else 1.0
-            return self.loom.call("select", count, self._over(passed, scale), self.loom.const(0.0))
-        near = self.loom.const(0.0)
-        if timer.kind == "entered":
-            scale = SECONDS[unit_of(name, arguments)]
-            count = self._over(self.loom.call("sub", self.time, count), scale)
-            near = self._over(self.loom.call("mul", self.loom.const(_NEAR), self.dt), scale)
-        if name in ("temporalCount", "elapsed", "et"):
-            return count
-        wanted = self.values.one(arguments[0], context, guard)
-        return self._compared(name, count, wanted, near)
-
-    def _scale(self, unit: m.Expression) -> float:
-        if not isinstance(unit, m.Name) or unit.name not in SECONDS:
-            raise UnsupportedError("duration is counted in what is no unit of time")
-        return SECONDS[unit.name]
-
-    def _over(self, seconds: int, scale: float) -> int:
-        return self.loom.call("div", seconds, self.loom.const(scale))
-
-    def _compared(self, name: str, count: int, wanted: int, near: int) -> int:
-        """What has passed against what is asked for, rounding left aside."""
-        call = self.loom.call
-        reached = call("ge", call("add", count, near), wanted)
-        if name == "after":
-            return reached
-        if name == "before":
-            return call("not", reached)
-        if self.loom.value(near) != 0.0:
-            raise UnsupportedError(f"it uses {name} with a time, which is not supported", "Count ticks.")
-        if name == "at":
-            return call("eq", count, wanted)
-        turns = call("sub", count, call("mul", wanted, call("floor", call("div", count, wanted))))
-        return call("and", call("gt", count, self.loom.const(0.0)), call("eq", turns, self.loom.const(0.0)))
-
-    # functions
+    def shallower(self) -> None:
+        """End what `deeper` has begun."""
+        self._depth -= 1
 
     def check_writable(self, key: str, context: Context) -> None:
         """Refuse an assignment to what a chart may only read."""
         data = next((one for one in self.diagram.data.values() if one.key == key), None)
         if data is not None and data.written.scope in ("INPUT_DATA", "CONSTANT_DATA"):
             raise UnsupportedError(f"{context.place}: it assigns to {key}, which it may only read")
-
-    def call(
-        self, function: Function, given: list[Nodes | None], context: Context, guard: Guard
-    ) -> tuple[list[Nodes], Guard | None]:
-        """Run a function of the chart; what it gives, and the guard where it comes back."""
-        if function.refused:
-            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", _MEND)
-        if len(given) > len(function.parameters):
-            raise UnsupportedError(f"{context.place}: {function.name} is given {len(given)} values")
-        self._deeper(f"calls {function.name}")
-        self._frames += 1
-        frame = f"{function.name}#{self._frames}"
-        here = replace(context, scope=function.state, frame=frame, place=f"its function {function.name}")
-        here = replace(here, alive=lambda found: found)
-        self._bind(function, frame, given)
-        after = self._coded(function, here, guard) if function.script else self._drawn(function, here, guard)
-        self._depth -= 1
-        results = [f"{frame}.{name}" for name in function.results]
-        missing = [name for name in results if name not in self.variables]
-        if missing and after is not None:
-            raise UnsupportedError(f"its function {function.name} gives {missing[0].split('.')[-1]} no value")
-        return [self.variables.values[name] for name in results], after
-
-    def _bind(self, function: Function, frame: str, given: list[Nodes | None]) -> None:
-        for name, nodes in zip(function.parameters, given, strict=False):
-            if nodes is not None:
-                self.variables.values[f"{frame}.{name}"] = nodes
-        if function.script:
-            return
-        for data in self.diagram.data.values():
-            mine = self.diagram.holder(data.written.parent) is function.state
-            if mine and data.written.scope in ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA"):
-                start = self.variables.values[data.key]
-                self.variables.values[f"{frame}.{data.written.name}"] = start
-
-    def _drawn(self, function: Function, context: Context, guard: Guard) -> Guard | None:
-        self._flow(function.state, context, guard)
-        return guard
-
-    def _coded(self, function: Function, context: Context, guard: Guard) -> Guard | None:
-        try:
-            script = parse_script(function.script, function.name)
-        except InputError as error:
-            raise UnsupportedError(f"its function {function.name}: {error.findings[0].what}") from None
-        found = next((one for one in script.functions if one.name == function.name), None)
-        if found is None:
-            raise UnsupportedError(f"the code of its function {function.name} defines no function of that name")
-        for name, other in zip(found.parameters, function.parameters, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{other}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{name}"] = value
-        after = self.statements.function(found.body, context, guard)
-        for name, other in zip(found.results, function.results, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{name}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{other}"] = value
-        return after
 
 
 def _outermost(holders: frozenset[State]) -> State:

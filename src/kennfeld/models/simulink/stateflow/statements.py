@@ -88,7 +88,7 @@ class Statements:
         if function is None or not isinstance(value, m.Call):
             raise UnsupportedError(f"{context.place}: it takes several results of what is no function of the chart")
         given = self.values.given(value.arguments, context, guard)
-        results, after = self.machine.call(function, given, context, guard)
+        results, after = self.machine.functions.call(function, given, context, guard)
         if len(results) < len(targets):
             raise UnsupportedError(f"{context.place}: it takes {len(targets)} results of {name}, which has fewer")
         for target, result in zip(targets, results, strict=False):
@@ -123,7 +123,7 @@ class Statements:
         if function is not None and isinstance(tree, m.Call):
             given = self.values.given(tree.arguments, context, guard)
             sent_before = self.machine.sent
-            after = self.machine.call(function, given, context, guard)[1]
+            after = self.machine.functions.call(function, given, context, guard)[1]
             return context.alive(after) if after is not None and self.machine.sent != sent_before else after
         if name in _SHOWN:
             return guard

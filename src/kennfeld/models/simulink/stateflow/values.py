@@ -104,7 +104,7 @@ class Values:
         if way is None or state is None:
             return None
         data = self.diagram.data.get((state.id, way[-1]))
-        return data.key if data is not None else None
+        return data.key if data is not None and data.key in self.variables else None
 
     # what only charts know
 
@@ -143,7 +143,7 @@ class Values:
         if key is not None:
             return self.variables.get(key, guard)
         if tree == m.Name("t") and self.diagram.chart.language == "C" and self.scope.find("t") is None:
-            return self._array(self.machine.time)
+            return self._array(self.machine.timing.time)
         return None
 
     def _may_fail(self, tree: m.Expression, context: Context) -> bool:
@@ -171,12 +171,12 @@ class Values:
         function = self.diagram.function(name, context.scope)
         if function is not None:
             given = self.given(arguments, context, guard)
-            results, _ = self.machine.call(function, given, context, guard)
+            results, _ = self.machine.functions.call(function, given, context, guard)
             if not results:
                 raise UnsupportedError(f"{context.place}: {name} gives no value")
             return self.logic.simplified(results[0], guard)
         if name in TEMPORAL:
-            return self._array(self.machine.temporal(name, arguments, context, guard))
+            return self._array(self.machine.timing.temporal(name, arguments, context, guard))
         if name in CHANGES:
             return self._array(self._changed(name, arguments, context, guard))
         if name == "in" and len(arguments) == 1:
