@@ -161,6 +161,7 @@ def _read(path: Path) -> bool:
     good = False
     for work in (
         lambda: contents(path).lines(),
+        *([lambda: _imported(path)] if path.suffix in (".slx", ".mdl") else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1),
         lambda: measurement.read(path),
@@ -172,6 +173,13 @@ def _read(path: Path) -> bool:
             if not error.findings or not all(finding.what for finding in error.findings):
                 raise AssertionError("an error without findings") from error
     return good
+
+
+def _imported(path: Path) -> None:
+    """Import a model as a project does, with the script beside it."""
+    from kennfeld.models.simulink.importing import simulink
+
+    simulink(path, parameters=sorted(path.parent.glob("*.m")))
 
 
 @dataclass

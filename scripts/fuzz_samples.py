@@ -8,12 +8,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar, Text
 
-WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles")]
+if TYPE_CHECKING:
+    from simulink_files import Model
+
+WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles", "models")]
 END = "***End_of_Header***"  # of LabVIEW
 _MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
 LARGEST = 300_000  # bytes of a real file that is damaged as well
@@ -225,6 +229,115 @@ def _images(seed: int) -> Iterator[Sample]:
         yield Sample(f"image {Path(name).suffix}", name, {one: files[one] for one in dict.fromkeys((name, "ecu.a2l"))})
 
 
+def _models(seed: int) -> Iterator[Sample]:
+    """Models in every layout, each beside its script, and dictionaries of both formats beside a model."""
+    from simulink_data import entry, sldd, thing
+    from simulink_files import ENDINGS, LAYOUTS
+
+    drawings = {"blocks": _blocks, "chart": _chart, "function": _function}
+    for layout in LAYOUTS:
+        for name, draw in drawings.items():
+            model, script = draw(random.Random(f"{seed}{layout}{name}")), {"init.m": _SCRIPT}
+            file = f"{name}{ENDINGS[layout]}"
+            yield Sample(f"model {layout}", file, {file: model.written(layout), **script})
+    user = {"blocks.slx": _blocks(random.Random(seed), "data.sldd").written("slx parts")}
+    numbers = {"k": thing("Simulink.Parameter", Value=entry(2.5), Min=entry(0.0)), "T": entry([[1.0, 2.0, 4.0]])}
+    yield Sample("dictionary .sldd", "data.sldd", {"data.sldd": sldd(numbers), **user})
+    yield Sample("dictionary .sldd", "data.sldd", {"data.sldd": _DICTIONARY, **user})
+
+
+def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
+    """Algebra, a table, dynamics, a masked and an enabled subsystem."""
+    from simulink_files import Mask, Model
+
+    model = Model("blocks", step="0.1", code="" if dictionary else f"k = {draw.random():.3f};\nT = [1 2 4];")
+    model.dictionary = dictionary
+    model.inport("u")
+    model.block("Gain", "K", Gain="k")
+    model.block("Lookup_n-D", "L", NumberOfTableDimensions="1", BreakpointsForDimension1="[0 1 2]", Table="T")
+    model.block("TransferFcn", "F", Numerator="[1]", Denominator=f"[{draw.random():.2f} 1]")
+    inner = model.subsystem("S", mask=Mask({"gain": "2*k"}, initialization="twice = 2*gain;"))
+    inner.inport("x")
+    inner.block("EnablePort", "on", StatesWhenEnabling="reset")
+    inner.block("Gain", "G", Gain="twice")
+    inner.block("UnitDelay", "D", SampleTime="-1", InitialCondition="gain")
+    inner.outport("y")
+    inner.chain("x", "G", "D", "y")
+    model.outport("y")
+    model.chain("u", "K", "L", "F", "S", "y")
+    model.line("u", "S#enable")
+    return model
+
+
+def _chart(draw: random.Random) -> "Model":
+    """A chart of states within states and a junction."""
+    from simulink_files import Chart, Model
+
+    states = {"A": "A\nen: y = 1;", "B": "B\nen: y = u;\ndu: c = c + 1;", "B1": "B1", "B2": "B2\nex: y = c;"}
+    ways = [
+        ("", "A", ""),
+        ("A", "j", f"[u > {draw.random():.2f}]"),
+        ("j", "B", "{c = 0;}"),
+        ("B", "A", "after(3, tick)"),
+    ]
+    ways += [("", "B1", ""), ("B1", "B2", "[c > 1]")]
+    data = [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA"), ("c", "LOCAL_DATA", "0")]
+    model = Model("chart", step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.chart("C", Chart(states, ways, data, parents={"B1": "B", "B2": "B"}, junctions=("j",)))
+    model.outport("y")
+    model.chain("u", "C", "y")
+    return model
+
+
+def _function(draw: random.Random) -> "Model":
+    """A MATLAB Function with a memory, a loop and a function of its own."""
+    from simulink_files import Model
+
+    model = Model("function", step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.function("F", _CODE.replace("SIZE", str(draw.randrange(2, 9))))
+    model.outport("y")
+    model.chain("u", "F", "y")
+    return model
+
+
+_SCRIPT = b"""k = 2.5; % a parameter
+T = linspace(1, 3, 3);
+for i = 1:3
+    T(i) = T(i) + i^2;
+end
+s.a = {1, 'two', [3; 4]};
+if exist('k', 'var') && k > 2, k = k / 2; end
+"""
+
+_CODE = """function y = F(u)
+persistent total
+if isempty(total), total = zeros(SIZE, 1); end
+for i = 1:SIZE
+    total(i) = total(i) + squared(u) * i;
+end
+y = sum(total(1:2));
+n = 0;
+while y > 10 && n < 5
+    y = y - 10;
+    n = n + 1;
+    if y < 5, break; end
+end
+function z = squared(x)
+z = x .^ 2;
+"""
+
+_DICTIONARY = b"""{"__MW_TEXT_COREPROPERTIES__": {}, "__MW_TEXT_PARTS__": {
+ "__MW_TEXT_PART__/data/chunk0": {"__MW_TEXT_content": {
+ "entries": [
+  {"name": "k", "metadata": {"uuid": "x"}, "value": {"_array_class": "Simulink.Parameter", "_dimensions": [1, 1],
+    "_elements": [{"_id": "1", "_properties": {"Value": 9.81, "Min": 0, "DocUnits": "m/s^2"}}]}},
+  {"name": "T", "metadata": {"uuid": "y"}, "value": {"_type": "double", "_value": "Matrix(1,3)\\n[1.0, 2.0, 4.0]"}}],
+ "Dictionary References": [], "AllowAccessBWS": false}}}}
+"""
+
+
 def _hex(memory: bytes) -> bytes:
     """Intel HEX of bytes at 0x10000."""
     data = [bytes([16, 0, at, 0]) + memory[at : at + 16] for at in range(0, len(memory), 16)]
@@ -267,4 +380,4 @@ _A2L = """ASAP2_VERSION 1 71
 /end MODULE /end PROJECT
 """
 
-_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _tunes, _recordings)
+_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _tunes, _recordings, _models)

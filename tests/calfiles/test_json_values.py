@@ -53,6 +53,23 @@ def test_the_entries_are_those_of_the_contract(tmp_path):
     assert read(tmp_path / "a.json") == parameters
 
 
+def test_a_table_that_goes_on_beyond_its_ends_says_so(tmp_path):
+    parameters = ParameterSet([Curve("C", [1, 2], [3, 4], extrapolation="linear"), Curve("D", [1, 2], [3, 4])])
+    write(parameters, tmp_path / "a.json")
+    entries = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert entries["C"]["extrapolation"] == "linear"
+    assert "extrapolation" not in entries["D"]
+    assert read(tmp_path / "a.json") == parameters
+
+
+def test_another_extrapolation_is_told(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('{"C": {"kind": "curve", "unit": "", "x": [1, 2], "values": [3, 4], "extrapolation": "cubic"}}')
+    assert any("C.extrapolation: 'cubic' must be clip or linear" in finding for finding in findings(path))
+    path.write_text('{"K": {"kind": "scalar", "unit": "", "value": 1, "extrapolation": "linear"}}')
+    assert any("K.extrapolation: is no key of a scalar" in finding for finding in findings(path))
+
+
 def test_a_number_that_is_not_finite_is_null_and_reads_as_nan(tmp_path):
     parameters = ParameterSet([Curve("C", [1, 2], [np.nan, 1]), Scalar("S", np.nan)])
     write(parameters, tmp_path / "a.json")

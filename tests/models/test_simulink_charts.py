@@ -7,7 +7,7 @@ from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.importing import simulink
+from kennfeld.models.simulink.importing import import_simulink, simulink
 
 RANDOM = np.random.default_rng(5)
 U = np.round(RANDOM.normal(size=120), 2)
@@ -370,6 +370,32 @@ def test_calls_that_cannot_be_placed_are_refused(state, told, tmp_path):
     assert told in str(caught.value)
 
 
+@pytest.mark.parametrize("first", ["N", "S"])
+def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_begins(first, tmp_path):
+    chart = Chart({"A": "A\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.chart("C", chart, ("u", "th"), ("y", "f()"))
+    inner = drawn.subsystem("S")
+    inner.block("TriggerPort", "call", TriggerType="function-call")
+    inner.inport("a")
+    inner.outport("b")
+    inner.line("a", "b")
+    drawn.inport("u")
+    drawn.block("Gain", "N", Gain="2")
+    for name in sorted(("N", "S"), key=lambda one: one != first):
+        drawn.outport(f"{name}_out")
+    drawn.line("u", "C")
+    drawn.line("C", "N")
+    drawn.line("N", "S", "N_out")
+    drawn.line("C:2", "S#trigger")
+    drawn.line("S", "C:2", "S_out")
+    with pytest.raises(InputError) as caught:
+        imported(drawn, tmp_path)
+    told = str(caught.value)
+    assert "N" in told
+    assert "its settings do not fit" not in told
+
+
 def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsystem_reads_it(tmp_path):
     chart = Chart({"A": "A\ndu: f; y = u;"}, [("", "A", "")], [CALLER[0], CALLER[2]], events=CALL)
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
@@ -389,6 +415,17 @@ def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsyst
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
     assert "it changes y, which S/G reads, after it has called f" in str(caught.value)
+
+
+def test_a_called_subsystem_that_needs_what_waits_for_the_chart_is_a_loop(tmp_path):
+    chart = Chart({"A": "A\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
+    drawn = called(chart, "2")
+    drawn.block("Bias", "R", Bias="1")
+    drawn.wires = [wire for wire in drawn.wires if wire.source[0] != "C" or wire.source[2] != 1]
+    drawn.line("C", "R")
+    drawn.line("R", "y_out", "S")
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert any("C: what it calls by f needs R, which needs the chart" in str(one) for one in report.findings)
 
 
 def test_an_event_to_the_outside_changes_its_output_at_an_edge(tmp_path):
@@ -567,11 +604,17 @@ def test_a_loop_may_end_by_a_signal_within_its_bound(tmp_path):
 
 
 REFUSED = [
+    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"stateMachineType": "MOORE_MACHINE"}), "it is a Moore chart"),
+    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"enableNonTerminalStates": "1"}), "it runs in super steps"),
+    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"initializeOutput": "1"}), "begins with new outputs"),
     (Chart({"A": "A\ndu: y = u"}, [("", "A", "")], IO, settings={"updateMethod": "CONTINUOUS"}), "in continuous time"),
     (Chart({"A": "A\ny = u;"}, [("", "A", "")], IO), "actions without a keyword"),
     (Chart({"A": "A\ndu: y = ml.sin(u);"}, [("", "A", "")], IO), "it calls ml"),
     (Chart({"A": "A\ndu: y = u << 2;"}, [("", "A", "")], IO), "the operation << on bits"),
-    (Chart({"A": "A\ndu: y = u & 3;"}, [("", "A", "")], IO, settings={"enableBitOps": "1"}), "the operation & on bits"),
+    (
+        Chart({"A": "A\ndu: y = u & 3;"}, [("", "A", "")], IO, settings={"actionLanguage": "1"}),
+        "the operation & on bits",
+    ),
     (Chart({"A": "A\ndu: q = u;"}, [("", "A", "")], IO), "what is no variable of the chart"),
     (Chart({"A": "A\ndu: y = q;"}, [("", "A", "")], IO), "variable q: has no value; C needs it"),
     (Chart({"A": "A\ndu: u = y;"}, [("", "A", "")], IO), "u, which it may only read"),

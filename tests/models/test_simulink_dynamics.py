@@ -7,6 +7,7 @@ from simulink_files import Model
 from simulink_runs import alone, crossings, imported, run, slopes, switch_case
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 
 RNG = np.random.default_rng(3)
 U = RNG.normal(size=40)
@@ -417,8 +418,6 @@ def test_a_discrete_controller_holds_its_output_within_the_minor_steps(tmp_path)
 
 
 def test_a_variable_step_is_said_to_be_replaced(tmp_path):
-    from kennfeld.models.simulink.importing import import_simulink
-
     found = import_simulink(oscillator("ode45").write(tmp_path), parameters=[GIVEN])
     assert found.model.step is None
     assert any("ode45 -> ode4" in one for one in found.report.substitutions)
@@ -476,6 +475,39 @@ def test_a_triggered_subsystem_runs_at_the_edges_of_its_control(kind, tmp_path):
         if {"rising": up[k], "falling": down[k], "either": up[k] or down[k]}[kind]:
             y = z = z + u
         assert found[k] == pytest.approx(y, abs=1e-13), k
+
+
+@pytest.mark.parametrize("kind", ["rising", "falling", "either"])
+def test_a_vector_triggers_a_subsystem_by_any_of_its_elements(kind, tmp_path):
+    drawn = conditional("TriggerPort", TriggerType=kind)
+    next(block for block in drawn.blocks if block.name == "c").parameters["PortDimensions"] = "2"
+    second = np.roll(C, 7)
+    found = run(imported(drawn, tmp_path), {"u": U, "c[1]": C, "c[2]": second})["y"]
+    y, edges = -1.0, list(zip(*crossings(C), *crossings(second), strict=True))
+    z = 0.0
+    for k, u in enumerate(U):
+        up, down = edges[k][0] or edges[k][2], edges[k][1] or edges[k][3]
+        if {"rising": up, "falling": down, "either": up or down}[kind]:
+            y = z = z + u
+        assert found[k] == pytest.approx(y, abs=1e-13), k
+
+
+def test_a_vector_triggers_a_subsystem_that_begins_anew_as_well(tmp_path):
+    drawn = conditional("TriggerPort", TriggerType="rising")
+    next(block.system for block in drawn.blocks if block.name == "Sub").block(
+        "EnablePort", "E", StatesWhenEnabling="reset"
+    )
+    drawn.inport("on")
+    drawn.line("on", "Sub#enable")
+    next(block for block in drawn.blocks if block.name == "c").parameters["PortDimensions"] = "4"
+    assert import_simulink(drawn.write(tmp_path)).report.findings == ()
+
+
+def test_a_vector_of_calls_is_refused(tmp_path):
+    drawn = conditional("TriggerPort", TriggerType="function-call")
+    next(block for block in drawn.blocks if block.name == "c").parameters["PortDimensions"] = "2"
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert [one.why for one in report.unsupported] == ["2 calls arrive at its trigger port, which is not supported"]
 
 
 @pytest.mark.parametrize("kind", ["rising", "falling", "either"])

@@ -347,7 +347,7 @@ def test_lines_to_blocks_that_are_not_there_count_as_loose_and_are_told():
     read = document(diagram(f"<System>{block}{line}</System>"), Path("m.slx"))
     assert read.root.lines[0].destinations == ()
     assert (read.root.lines[1].source, read.root.lines[1].destinations) == (None, (Endpoint("1", "in", 1),))
-    assert read.remarks == ("the root has a line at 9#in:1, which is no block there; it counts as loose",)
+    assert read.remarks == ("the root has a line at 9#in:1, which is not there; it counts as loose",)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -143,7 +143,7 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
         ("controller.slx", "a link into the library dspfdesign"),
         ("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS"),
         ("GasTurbine_Dyn_Template.mdl", "a link into the library Lib_"),
-        ("Autotrans_Model.mdl", "variable emap: has no value"),
+        ("Autotrans_Model.mdl", "variable TWAIT: has no value; ShiftLogic needs it"),
     ],
 )
 def test_the_others_say_what_stops_them(file, told):
@@ -281,6 +281,70 @@ def test_the_transmission_shifts_as_when_it_is_written_out(file, count):
     assert np.sum(np.diff(expected[2]) < 0) >= 2
     for name, values in zip(("speed", "RPM", "gear"), expected, strict=True):
         np.testing.assert_allclose(moved[name], values[:count], rtol=1e-9, atol=1e-9)
+
+
+def chart_of_the_controller(name, columns):
+    model = simulink(DATA / "controller.slx", f"Controller/{name}", step=0.1)
+    return run(model, columns, dt=0.1)[model.graph.outputs[0]]
+
+
+def test_the_pulse_generator_of_the_controller_breathes_as_its_chart_says():
+    random = np.random.default_rng(8)
+    count = 400
+    columns = {"BPM": np.full(count, 20.0), "IE_ratio": np.full(count, 0.5), "trigger": random.random(count) < 0.05}
+    columns["enable_trigger"] = (np.arange(count) // 100) % 2
+    columns["control_mode"] = np.repeat([0, 0, 1, 1, 2], count // 5)
+    state, since, expected = "INSPIRATION", 0, []
+    for k in range(count):
+        changed = k > 0 and columns["control_mode"][k] != columns["control_mode"][k - 1]
+        allowed, waited = columns["enable_trigger"][k], k - since
+        new = None
+        if state == "INSPIRATION":
+            new = state if changed else "EXPIRATION" if waited >= 10 else "WAIT" if allowed else None
+        elif state == "EXPIRATION":
+            new = "INSPIRATION" if changed or waited >= 20 else None
+        elif state == "WAIT":
+            new = "TRIGGERED" if columns["trigger"][k] else None if allowed else "INSPIRATION"
+        else:
+            new = "WAIT" if waited >= 10 else None if allowed else "INSPIRATION"
+        if new is not None:
+            state, since = new, k
+        expected.append(float(state in ("INSPIRATION", "TRIGGERED")))
+    found = chart_of_the_controller("Pulse Generator", columns)
+    np.testing.assert_array_equal(found, expected)
+    assert 10 < np.sum(np.diff(expected) != 0) < 200
+
+
+def test_the_largest_volume_of_the_controller_is_that_of_each_breath():
+    random = np.random.default_rng(9)
+    count = 300
+    volume, wanted = random.random(count), (np.arange(count) // 70) % 2
+    idle, largest, since, expected = True, 0.0, 0, []
+    known = np.nan
+    for k in range(count):
+        if idle and wanted[k]:
+            idle, largest, since = False, volume[k], k
+        elif not idle and not wanted[k]:
+            idle, known = True, np.nan
+        elif not idle and k - since >= 20:
+            known, largest, since = largest, volume[k], k
+        elif not idle:
+            largest = max(largest, volume[k])
+        expected.append(known)
+    found = chart_of_the_controller("TV Max", {"BPM": np.full(count, 30.0), "compute": wanted, "TV": volume})
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_correction_of_the_controller_adds_up():
+    count = 60
+    largest = np.repeat([np.nan, 1.0, 1.5, 1.5, 2.0, 0.5], 10)
+    on = np.ones(count)
+    on[:5] = 0
+    columns = {"VCV": on, "TV_max": largest, "TV_d": np.full(count, 1.2), "gain": np.full(count, 0.5)}
+    expected = np.zeros(count)
+    for k in (10, 20, 40, 50):
+        expected[k:] += 0.5 * (1.2 - largest[k])
+    np.testing.assert_allclose(chart_of_the_controller("TV Correction", columns), expected, atol=1e-12)
 
 
 def test_a_chart_is_cut_and_fed_from_a_channel():

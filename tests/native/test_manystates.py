@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
-from reference import compiled, sums
+from reference import compiled, sums, weighted_rows
 
-from kennfeld.graph import Builder
+from kennfeld.graph import Builder, derivative
+from kennfeld.graph.derivative import Written
+from kennfeld.graph.pullback import PullBack
 from kennfeld.native.sweeps import MANY, Pattern, sweeps
 from models import case
 
@@ -29,6 +31,59 @@ def test_rows_of_many_states_are_those_of_the_interpreter(latencies):
     normal = made.accumulator().normal(made.values)
     for got, expected in ((normal.gradient, direct.gradient), (normal.matrix, direct.matrix)):
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
+
+
+def register(cells, latency=1, held=False):
+    """A shift register of what a lookup gives, read at a place that moves; where `held`, it stands still at times."""
+    b = Builder()
+    states = [b.state(latency if at % 3 == 1 else 1) for at in range(cells)]
+    written = b.call("mul", b.lookup("M", b.input("u"), b.input("v")), b.call("exp", b.input("w")))
+    place = b.call("mul", b.const(cells / 6), b.call("add", b.lookup("C", b.input("u")), b.const(3.0)))
+    total = written
+    for at, state in enumerate(states):
+        total = b.call("select", b.call("gt", place, b.const(float(at))), b.call("mul", state, b.lookup("L")), total)
+        before = written if at == 0 else states[at - 1]
+        following = b.call("select", b.call("gt", b.input("v"), b.const(0.0)), before, state) if held else before
+        b.close(state, b.lookup("K"), following)
+    return b.finish({"y": b.call("mul", total, place), "last": states[-1]})
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize(("cells", "latency", "held"), [(9, 1, False), (60, 1, False), (30, 3, False), (20, 2, True)])
+def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, held, shared, monkeypatch):
+    if shared:
+        monkeypatch.setattr(derivative, "MOST_VISITS", -1)
+        monkeypatch.setattr(derivative, "SHARED", 0.0)
+    made = compiled(case(register(cells, latency, held), 150, (0, 70)))
+    assert isinstance(made.kernel.line.slopes, PullBack if shared else Written)
+    pattern = made.kernel.pattern
+    assert pattern.carried == cells
+    assert len(pattern.copies) == (0 if held else cells - 1)
+    assert pattern.cells == (2 * cells - 1 if held else 0)
+    exact = made.run(made.interpreter())
+    direct, normal = sums(made.case, exact), made.accumulator().normal(made.values)
+    for got, expected in ((normal.gradient, direct.gradient), (normal.matrix, direct.matrix)):
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
+
+
+def test_a_value_that_is_not_finite_hands_no_slopes_down_a_register():
+    b = Builder()
+    far = b.call("gt", b.call("abs", b.call("sub", b.input("t"), b.const(1.0))), b.const(0.05))
+    now = b.call("div", b.lookup("K"), b.call("select", far, b.input("t"), b.const(0.0)))  # infinite once
+    states, before = [], now
+    for _ in range(12):
+        state = b.state()
+        b.close(state, b.lookup("L"), before)
+        states.append(before := state)
+    finite = b.call("lt", b.call("abs", states[-1]), b.const(1e9))
+    made = compiled(case(b.finish({"y": b.call("select", finite, states[-1], now)}), 40))
+    with np.errstate(all="ignore"):
+        exact = made.run(made.interpreter())
+    got = made.accumulator().rows(made.values)[1].reshape(40, 1, -1)
+    scored = np.isfinite(made.case.criteria[0].target) & np.isfinite(exact).all(axis=(1, 2))
+    expected = weighted_rows(made.case, exact)[1]
+    assert scored.sum() > 30
+    np.testing.assert_allclose(got[scored], expected[scored], rtol=1e-12)
 
 
 @pytest.mark.parametrize("columns", [8, 32, 40, 72])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.native.sweeps import Pattern, sweeps
+from kennfeld.native.sweeps import MANY, Pattern, sweeps
 
 
 class Tape:
@@ -94,12 +94,35 @@ def test_backward_and_forward_give_the_direct_sum(m, n, sparse, runs):
 @pytest.mark.parametrize(("m", "n"), [(1, 0), (1, 1), (2, 3), (2, 8), (1, 9), (3, 20)])
 def test_rows_are_those_of_the_recursion(m, n, sparse):
     tape = Tape(m, n, columns=24, sparse=sparse)
+    close(native_rows(tape, tape.pattern, tape.a), np.sqrt(tape.weight)[:, :, None] * tape.rows()[0])
+
+
+def native_rows(tape, pattern, a):
+    """The rows of a tape, of whose matrix a the cells are held that the pattern keeps."""
+    n, flat = tape.n, a.reshape(tape.length, -1)
+    held = [row * n + i for row, columns in zip(pattern.kept, pattern.sources, strict=True) for i in columns]
+    a = np.ascontiguousarray(flat[:, held] if n > MANY else flat)
+    assert a.shape[1] == pattern.cells
     s, following = tape.start.copy(), np.zeros((n, 24))
-    rings, jacobian = np.zeros(max(n, 1), dtype=np.int64), np.full((tape.length, m, 24), np.nan)
-    sweeps(tape.pattern).rows(
-        tape.length, *at(tape.weight, tape.c, tape.a, s), 24, *at(rings, following), *tape.entries(), *at(jacobian), 24
+    rings, jacobian = np.zeros(max(n, 1), dtype=np.int64), np.full((tape.length, tape.m, 24), np.nan)
+    sweeps(pattern).rows(
+        tape.length, *at(tape.weight, tape.c, a, s), 24, *at(rings, following), *tape.entries(), *at(jacobian), 24
     )
-    close(jacobian, np.sqrt(tape.weight)[:, :, None] * tape.rows()[0])
+    return jacobian
+
+
+@pytest.mark.parametrize("m", [1, 3])
+def test_states_that_take_over_what_others_were_need_no_slopes(m):
+    n, pairs = 15, {0: 3, 4: 4, 5: 6, 6: 5, 9: 8, 14: 0}
+    tape = Tape(m, n, columns=24, sparse=True)
+    for row, source in pairs.items():
+        tape.a[:, row] = np.eye(n)[source]
+        tape.slope[:, :, m + row] = 0.0
+    expected = np.sqrt(tape.weight)[:, :, None] * tape.rows()[0]
+    a = tape.pattern.a - {row * n + i for row in pairs for i in range(n)}
+    pattern = Pattern(m, (1,) * n, tape.pattern.c, a | {r * n + s for r, s in pairs.items()}, tuple(pairs.items()))
+    tape.slope = np.ascontiguousarray(tape.slope[:, :, [*range(m), *(m + i for i in pattern.kept)]])
+    close(native_rows(tape, pattern, tape.a), expected)
 
 
 @pytest.mark.parametrize("columns", [0, 1, 31, 32, 33, 64, 100])

@@ -10,9 +10,13 @@ from torque_drawing import torque
 
 from kennfeld import cli
 from kennfeld.calfiles import read
+from kennfeld.calfiles import write as write_parameters
 from kennfeld.graph.interpreter import evaluate
+from kennfeld.models import started
 from kennfeld.models.formula import read as read_formula
-from kennfeld.parameters import ParameterSet
+from kennfeld.models.simulink.importing import simulink
+from kennfeld.optimize.api import simulate
+from kennfeld.parameters import Curve, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 
@@ -142,6 +146,77 @@ def test_libraries_are_looked_for_in_the_folders_that_the_project_names(drawn, c
     assert drawn.project.calibrate().parameters["Slope"].value == pytest.approx(3, rel=1e-9)
     assert cli.run(["info", str(path), "--folder", str(drawn.folder / "parts")]) == 0
     assert "was not found" not in capsys.readouterr().out
+
+
+def test_formula_text_goes_on_beyond_the_ends_of_a_table_as_its_model_does(tmp_path):
+    drawn = Model("beyond", step="0.1", solver="FixedStepDiscrete")
+    for name, method in (("Eta", "Linear"), ("Phi", "Clip")):
+        drawn.inport(f"u_{name}")
+        drawn.block("Lookup_n-D", name, NumberOfTableDimensions="1", Table=name, BreakpointsForDimension1="[0 1 3]",
+                    ExtrapMethod=method)  # fmt: skip
+        drawn.outport(f"y_{name}")
+        drawn.chain(f"u_{name}", name, f"y_{name}")
+    (tmp_path / "init.m").write_text("Eta = [1 2 6]; Phi = [1 2 6];")
+    source, target = drawn.write(tmp_path, DRAWN), tmp_path / "beyond.kf"
+    assert cli.run(["convert", str(source), str(target), "--parameters", str(tmp_path / "init.m")]) == 0
+    u = np.array([-2.0, 0.5, 4.0])
+    columns = {"u_Eta": u, "u_Phi": u}
+    found = evaluate(read_formula(target).graph, columns, read(target.with_suffix(".json")))
+    np.testing.assert_allclose(found["y_Eta"], [-1, 1.5, 8])
+    np.testing.assert_allclose(found["y_Phi"], [1, 1.5, 6])
+
+
+@pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json", "m"])
+def test_a_table_from_a_calibration_file_goes_on_beyond_its_ends_as_in_the_model(ending, tmp_path):
+    drawn = Model("beyond", step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 3]",
+                ExtrapMethod="Linear")  # fmt: skip
+    drawn.outport("y")
+    drawn.chain("u", "T", "y")
+    model = simulink(drawn.write(tmp_path, DRAWN), parameters=[{"Eta": [1.0, 2.0, 6.0]}])
+    write_parameters(ParameterSet([Curve("Eta", [0, 1, 3], [2, 3, 7])]), tmp_path / f"start.{ending}")
+    start = read(tmp_path / f"start.{ending}")
+    assert started(model.values, start)["Eta"].extrapolation == "linear"
+    found = evaluate(model.graph, {"u": np.array([-2.0, 4.0])}, started(model.values, start))
+    np.testing.assert_allclose(found["y"], [0, 9])
+
+
+def test_python_starts_from_a_calibration_file_without_clipping_the_tables_of_a_model(shop):
+    drawn = Model("beyond")
+    drawn.inport("u")
+    drawn.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 3]",
+                ExtrapMethod="Linear")  # fmt: skip
+    drawn.outport("y")
+    drawn.chain("u", "T", "y")
+    source = drawn.write(shop.folder, DRAWN)
+    model = simulink(source, parameters=[{"Eta": [1.0, 2.0, 6.0]}])
+    write_parameters(model.values, shop.folder / "start.dcm")
+    start = read(shop.folder / "start.dcm")
+    found = simulate(model, {"u": [-2.0, 4.0]}, start)
+    np.testing.assert_allclose(found["y"].values, [-1, 8])
+    clipped = ParameterSet([model.values["Eta"].changed(extrapolation="clip")])
+    np.testing.assert_allclose(simulate(model, {"u": [-2.0, 4.0]}, clipped)["y"].values, [1, 6])
+
+
+def test_a_project_starts_from_a_calibration_file_without_clipping_the_tables_of_its_model(shop):
+    model = Model("line")
+    model.inport("u")
+    model.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 3]",
+                ExtrapMethod="Linear")  # fmt: skip
+    model.outport("y")
+    model.chain("u", "T", "y")
+    model.write(shop.folder, DRAWN)
+    (shop.folder / "init.m").write_text("Eta = [1 2 6];")
+    write_parameters(ParameterSet([Curve("Eta", [0, 1, 3], [2, 3, 7])]), shop.folder / "start.dcm")
+    u = np.linspace(-2, 5, 20)
+    shop.csv("bench.csv", {"u": u, "z": u})
+    shop.toml = (
+        "[model]\nfile = 'line.slx'\nparameters = 'init.m'\n[[dataset]]\nfiles = 'bench.csv'\n"
+        "[calibration]\ninitial = 'start.dcm'\n[[criterion]]\nnode = 'y'\ntarget = 'z'\n"
+    )
+    [data] = shop.project.simulate()
+    np.testing.assert_allclose(data["y"].values, np.where(u < 1, 2 + u, 3 + 2 * (u - 1)), rtol=1e-12, atol=1e-12)
 
 
 def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):

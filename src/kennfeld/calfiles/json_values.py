@@ -6,8 +6,8 @@
                "weights": [2], "centres": [[3]], "widths": [[0.5]]}}
 
 `description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are left out
-where empty; `others` lists further variants as entries of their own. A group axis that no table uses is an entry of
-kind "axis". Numbers that are not finite are null.
+where empty, `extrapolation` of a table where it is "clip"; `others` lists further variants as entries of their own. A
+group axis that no table uses is an entry of kind "axis". Numbers that are not finite are null.
 """
 
 import json
@@ -38,7 +38,7 @@ def recognises_json(text: str) -> bool:
 
 
 def write_json(parameters: ParameterSet, file: str) -> str:
-    """The text of a `parameters.json`; bounds, locks and extrapolation stay with the project.
+    """The text of a `parameters.json`; bounds and locks stay with the project.
 
     Raises `InputError` where two entries would have the same name.
     """
@@ -77,6 +77,8 @@ def _entry(member: Parameter) -> dict[str, Any]:
     for letter, axis in zip("xyzw", member.axes, strict=False):
         entry |= {f"{letter}_{key}": getattr(axis, key) for key in _ATTRIBUTES if getattr(axis, key)}
         entry[letter] = axis.breakpoints.tolist()
+    if member.axes and member.extrapolation != "clip":
+        entry["extrapolation"] = member.extrapolation
     entry["value" if member.kind == "scalar" else "values"] = _nullable(member.values)
     return entry
 
@@ -228,6 +230,7 @@ class _Reader:
             letters = _TABLES.get(kind, "")
             known |= {"value" if kind == "scalar" else "values", *letters}
             known |= {f"{letter}_{key}" for letter in letters for key in _ATTRIBUTES}
+            known |= {"extrapolation"} if letters else set()
         for key in entry:
             if key not in known:
                 self._wrong(f"{name}.{key}", f"is no key of a {kind}", nearest(key, known))
@@ -250,6 +253,8 @@ class _Reader:
         letters = letters if kind != "cube" or "w" in entry else "xyz"
         axes = [self._axis(name, entry, letter) for letter in letters]
         attributes = self._labels(name, entry) | {"unit": self._string(name, entry, "unit")}
+        if letters and "extrapolation" in entry:
+            attributes["extrapolation"] = self._extrapolation(name, entry)
         own = [axis for axis in axes if axis is not None]
         shape = [len(axis) for axis in own]
         key = "value" if kind == "scalar" else "values"
@@ -265,6 +270,13 @@ class _Reader:
         if len(values) == int(np.prod(shape)):
             self._build(name, kind, np.array(values, dtype=np.float64).reshape(shape), own, attributes)
         return None
+
+    def _extrapolation(self, name: str, entry: _Pairs) -> str:
+        given = entry["extrapolation"]
+        if given in ("clip", "linear"):
+            return str(given)
+        self._wrong(f"{name}.extrapolation", f"{_shown(given)} must be clip or linear")
+        return "clip"
 
     def _build(self, name: str, kind: str, values: Float, axes: list[Axis], attributes: dict[str, Any]) -> None:
         try:

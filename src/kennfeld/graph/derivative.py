@@ -38,6 +38,10 @@ class Written:
         """The atoms and states to which each row has a slope."""
         return self.rows
 
+    def only(self, rows: Sequence[int]) -> "Written":
+        """Those of some rows."""
+        return Written(tuple(self.rows[row] for row in rows))
+
 
 Slopes: TypeAlias = Written | PullBack
 

@@ -218,6 +218,7 @@ class _Order:
         self.number: dict[int, int] = {}
         self.kept: list[Node] = []
         self.states: list[int] = []
+        self._places: dict[int, int] = {}  # of states in the list
 
     def visit(self, root: int) -> None:
         """Number a node and all that it is computed from within the step."""
@@ -235,9 +236,10 @@ class _Order:
     def _keep(self, at: int) -> None:
         op, args, payload = self.nodes[at]
         if op == "state":
-            if payload not in self.states:
+            if payload not in self._places:
+                self._places[payload] = len(self.states)
                 self.states.append(payload)
-            payload = self.states.index(payload)
+            payload = self._places[payload]
         self.number[at] = len(self.kept)
         self.kept.append(Node(op, tuple(self.number[a] for a in args), payload))
 

@@ -7,7 +7,7 @@ anything is zero: what is not finite leaks neither from a branch not taken nor f
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from kennfeld.graph.node import Builder, Node
@@ -36,6 +36,10 @@ class PullBack:
     pulls: tuple[Pull, ...]
     reach: tuple[frozenset[int], ...]
     scales: Mapping[int, int]
+
+    def only(self, rows: Sequence[int]) -> "PullBack":
+        """That of some rows; the others must have no pulls of their own."""
+        return replace(self, roots=tuple(self.roots[row] for row in rows), reach=tuple(self.reach[row] for row in rows))
 
     def of_row(self, row: int, value: Callable[[int], float]) -> Mapping[int, float]:
         """The slopes of one row where `value(node)` is the value of a factor."""

@@ -40,6 +40,7 @@ __all__ = ["Files", "Outcome", "run_script"]
 
 Files = Callable[[str], "bytes | str | Mapping[str, Any] | None"]
 _TAKING_ALL = ("is never closed", "deep")  # findings of what takes the rest of a script with it
+_COST_OF_FAILURE = 100  # steps: to tell it takes longer than a statement
 _MOST_WITHIN, _DEEPEST = 1_000_000, 40  # values within a struct or a cell array
 _SILENT = frozenset(
     {"clc", "close", "format", "more", "warning", "tic", "drawnow", "pause", "rng", "hold", "keyboard", "dbstop"}
@@ -170,6 +171,7 @@ class _Runner(Evaluator):
                 self._failed(statement, error)
 
     def _failed(self, statement: m.Statement, error: MatlabError | NoValueError) -> None:
+        self.budget.step(_COST_OF_FAILURE)
         if isinstance(error, NoValueError):
             error = MatlabError.at(self.name, statement.place, str(error))
         line = f"{self.name} line {statement.place.line}"

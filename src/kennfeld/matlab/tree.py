@@ -125,7 +125,7 @@ def text_in_rows(letters: str, rows: int) -> Text:
     """An array of characters, given column by column.
 
     >>> text_in_rows("ab cd ", 2).rows
-    ('a c', 'b d')
+    ('a d', 'bc')
     """
     if not 1 < rows <= len(letters):
         return Text(letters)

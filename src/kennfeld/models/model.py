@@ -11,7 +11,7 @@ from kennfeld.parameters import ParameterSet
 if TYPE_CHECKING:  # most models call none
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["Model"]
+__all__ = ["Model", "started"]
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -50,3 +50,16 @@ class Model:
         from kennfeld.surrogate import expansions
 
         return expansions(self.surrogates).merged(self.values)
+
+
+def started(own: ParameterSet, read: ParameterSet) -> ParameterSet:
+    """The parameters of a model with what was read from calibration files in their place.
+
+    Most formats do not say whether a table goes on beyond its ends: it does where that of the model does.
+    """
+    kept = [
+        one.changed(extrapolation=own[name].extrapolation)
+        for name, one in read.items()
+        if name in own and one.axes and len(one.axes) == len(own[name].axes) and own[name].extrapolation != "clip"
+    ]
+    return own.merged(read.with_parameters(*kept))

@@ -240,8 +240,9 @@ class Accumulator:
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:
-    m, n, e = len(kernel.outputs), kernel.pattern.carried, kernel.entries.room
-    record = 8 * (2 * m + m * n + 2 * n * n + n + e * (m + n)) + 4 * (e + 1)
+    pattern, e = kernel.pattern, kernel.entries.room
+    m, n, swept = pattern.outputs, pattern.carried, pattern.carried if pattern.accumulates else 0
+    record = 8 * (2 * m + m * n + pattern.cells + swept * (swept + 1) + e * pattern.rows) + 4 * (e + 1)
     if not sparse:
         record += 8 * m * kernel.values.free
     return max(64, min(8192, TAPE_BYTES // record))

@@ -13,8 +13,9 @@ from kennfeld.graph.lowering import Free, Lowered
 from kennfeld.native.emitter import Layout
 from kennfeld.native.entries import entries_of
 from kennfeld.native.output import Output
+from kennfeld.native.pattern import Pattern
 from kennfeld.native.step import compiled, cost_code
-from kennfeld.native.sweeps import Pattern, sweeps
+from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape import start_code, tape_code
 from kennfeld.parameters import ParameterSet
 
@@ -120,7 +121,7 @@ class Kernel:
             self.values.free,
         )
         self.axes = self.layout.breakpoints
-        self.pattern = _pattern(self.line)
+        self.pattern = Pattern.of(self.line)
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
         self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)
         self.sweeps = sweeps(self.pattern)
@@ -140,16 +141,6 @@ class Kernel:
         """Whether backward and forward sweeps are cheaper than rows, with states."""
         pattern = self.pattern
         return pattern.accumulates and pattern.carried * self.entries.room < self.values.free / 2
-
-
-def _pattern(line: Linearization) -> Pattern:
-    m, n = len(line.outputs), len(line.seeds)
-    present = [frozenset(i for i, seed in enumerate(line.seeds) if seed in row) for row in line.slopes.reach]
-    c, a = (
-        frozenset(row * n + i for row, columns in enumerate(rows) for i in columns)
-        for rows in (present[:m], present[m:])
-    )
-    return Pattern(m, tuple(line.states[i].latency for i in line.carried), c, a)
 
 
 def input_rows(nodes: Sequence[Node]) -> dict[str, int]:

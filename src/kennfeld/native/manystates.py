@@ -1,82 +1,125 @@
-"""Rows of the Jacobian where many states carry free values: loops over the states, past factors that are zero.
+"""Rows of the Jacobian where many states carry free values: loops over the states, past slopes that are zero.
 
-Of the slopes between a hundred states most are zero in most models.
+Of the slopes between a hundred states most are zero in most models: only those that can differ from zero are looked
+at. A state that takes over what another was, as in a shift register, takes over its row of S.
 """
 
 from collections.abc import Sequence
+from itertools import accumulate, chain
 
 from kennfeld.native.ir import EIGHT, LANES, Function, literal
+from kennfeld.native.pattern import Pattern
 
-__all__ = ["ManyStates", "add_combination"]
+__all__ = ["ManyStates", "add_combination", "many_tables"]
 
 ZERO = literal(0.0)
 STRIP = 4  # vectors of columns at a time: as many sums as hide the time that one takes
 
 
-class ManyStates:
-    """The sensitivities S of all states within one sample: a row of `%width` columns a state, at the pointers `rows`.
+def many_tables(pattern: Pattern) -> str:
+    """The constants that `ManyStates` reads."""
+    latencies = pattern.latencies
+    tables = {
+        "bases": [0, *accumulate(latencies[:-1])],
+        "latencies": latencies,
+        "copies": [*chain.from_iterable(pattern.copies)],
+        "kept": pattern.kept,
+        "ends": [0, *accumulate(map(len, pattern.sources))],
+        "sources": [*chain.from_iterable(pattern.sources)],
+        "seen": [*chain.from_iterable(pattern.seen)],
+    }
+    return "".join(_table(name, numbers) for name, numbers in tables.items())
 
-    `%next` has room for those of the next sample.
+
+def _table(name: str, numbers: Sequence[int]) -> str:
+    held = ", ".join(f"i32 {number}" for number in numbers)
+    return f"@many_{name} = internal constant [{len(numbers)} x i32] [{held}]\n"
+
+
+class ManyStates:
+    """The sensitivities S of all states within one sample: a row of `%width` columns a state, in `%sensitivities`.
+
+    A state of latency d has d rows there, of which `%rings` says the oldest. `%next` has room for the rows of the next
+    sample.
     """
 
-    def __init__(self, f: Function, rows: Sequence[str]) -> None:
-        self.f, self.count = f, len(rows)
-        self._rows, self._factors = f.slot("ptr", len(rows)), f.slot("double", len(rows))
-        for i, row in enumerate(rows):
-            f.store(row, self._rows, i, "ptr")
+    def __init__(self, f: Function, pattern: Pattern) -> None:
+        self.f, self.pattern, self.count = f, pattern, pattern.carried
+        self._rows, self._factors = f.slot("ptr", self.count), f.slot("double", self.count)
 
-    def add_output(self, target: str, factor: str, slopes: str) -> None:
-        """Target += factor times `slopes`, a row of c, times S."""
+    def begin(self) -> None:
+        """Find the rows of a sample."""
         f = self.f
         with f.loop(0, self.count) as i:
-            f.store(f.fmul(factor, f.load(slopes, i)), self._factors, i)
-        self._combine(target, self._factors)
+            place = f.add(f.load("%rings", i, "i64"), self._number("bases", i))
+            f.store(f.at("%sensitivities", f.mul("%width", place)), self._rows, i, "ptr")
+
+    def add_output(self, target: str, output: int, factor: str, slopes: str) -> None:
+        """Target += factor times the row of S of an output; `slopes` points to its row of c."""
+        f, seen = self.f, self.pattern.seen
+        states = f.at("@many_seen", sum(map(len, seen[:output])), "i32")
+        with f.loop(0, len(seen[output])) as i:
+            state = f.new(f"sext i32 {f.load(states, i, 'i32')} to i64")
+            f.store(f.fmul(factor, f.load(slopes, state)), self._factors, i)
+        self._combine(target, states, self._factors, str(len(seen[output])))
 
     def step(self, slopes: str) -> None:
-        """The next S, `slopes` times S, without the entries' part; `slopes` points to the matrix a."""
+        """The next S without the entries' part; `slopes` points to the sample's cells of a."""
         f = self.f
         bytes_ = f.mul("%width", 8 * self.count)
         f.do(f"call void @llvm.memset.p0.i64(ptr %next, i8 0, i64 {bytes_}, i1 false)")
-        with f.loop(0, self.count) as i:
-            self._combine(self._next(i), f.at(slopes, f.mul(i, self.count)))
+        with f.loop(0, len(self.pattern.copies)) as pair:
+            first = f.mul(pair, 2)
+            row, source = self._number("copies", first), self._number("copies", f.add(first, 1))
+            self._copy(self._next(row), f.load(self._rows, source, "ptr"))
+        with f.loop(0, len(self.pattern.kept)) as row:
+            begin, end = self._number("ends", row), self._number("ends", f.add(row, 1))
+            states, factors = f.at("@many_sources", begin, "i32"), f.at(slopes, begin)
+            self._combine(self._next(self._number("kept", row)), states, factors, f.new(f"sub i64 {end}, {begin}"))
 
     def add_entry(self, column: str, slopes: str) -> None:
-        """Add the slopes of all states with respect to one value."""
+        """Add the slopes of the kept states with respect to one value."""
         f = self.f
-        with f.loop(0, self.count) as i:
-            f.increase(f.load(slopes, i), self._next(i), column)
+        with f.loop(0, len(self.pattern.kept)) as row:
+            f.increase(f.load(slopes, row), self._next(self._number("kept", row)), column)
 
     def turn(self) -> None:
-        """Put the next rows in the place of those of now."""
+        """Put the next rows in the place of the oldest, and move on to what is the oldest then."""
         f = self.f
         with f.loop(0, self.count) as i:
-            given = f"ptr {f.load(self._rows, i, 'ptr')}, ptr {self._next(i)}, i64 {f.mul('%width', 8)}, i1 false"
-            f.do(f"call void @llvm.memcpy.p0.p0.i64({given})")
+            self._copy(f.load(self._rows, i, "ptr"), self._next(i))
+            following = f.add(f.load("%rings", i, "i64"), 1)
+            wrapped = f.new(f"icmp eq i64 {following}, {self._number('latencies', i)}")
+            f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%rings", i, "i64")
+
+    def _number(self, table: str, at: str) -> str:
+        return self.f.new(f"sext i32 {self.f.load(f'@many_{table}', at, 'i32')} to i64")
 
     def _next(self, state: str) -> str:
         return self.f.at("%next", self.f.new(f"mul i64 {state}, %width"))
 
-    def _combine(self, target: str, factors: str) -> None:
-        given = [("ptr", target), ("ptr", self._rows), ("ptr", factors), ("i64", "%width")]
-        self.f.call(_name(self.count), given)
+    def _copy(self, target: str, source: str) -> None:
+        given = f"ptr {target}, ptr {source}, i64 {self.f.mul('%width', 8)}, i1 false"
+        self.f.do(f"call void @llvm.memcpy.p0.p0.i64({given})")
+
+    def _combine(self, target: str, states: str, factors: str, count: str) -> None:
+        given = [("ptr", target), ("ptr", self._rows), ("ptr", states), ("ptr", factors), ("i64", count)]
+        self.f.call("add_combination", [*given, ("i64", "%width")])
 
 
-def _name(count: int) -> str:
-    return f"add_combination_{count}"
+def add_combination(most: int) -> Function:
+    """`add_combination(target, rows, states, factors, count, width)`: adds factors[i] times the row of states[i].
 
-
-def add_combination(count: int) -> Function:
-    """`add_combination_COUNT(target, rows, factors, width)`: target += sum of factors[i] times what rows[i] points to.
-
-    What is multiplied by zero does not count, even where it is not finite.
+    What is multiplied by zero does not count, even where it is not finite. `count` is `most` at most.
     """
-    head = [("ptr noalias", "target"), ("ptr", "rows"), ("ptr", "factors"), ("i64", "width")]
-    f = Function(_name(count), head, "noinline")
-    picked, weights, number = f.slot("ptr", count), f.slot("double", count), f.slot("i64")
+    head = [("ptr noalias", "target"), ("ptr", "rows"), ("ptr", "states"), ("ptr", "factors")]
+    f = Function("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline")
+    picked, weights, number = f.slot("ptr", most), f.slot("double", most), f.slot("i64")
     f.store("0", number, kind="i64")
-    with f.loop(0, count) as i:
+    with f.loop(0, "%count") as i:
         at, factor = f.load(number, kind="i64"), f.load("%factors", i)
-        f.store(f.load("%rows", i, "ptr"), picked, at, "ptr")
+        state = f.new(f"sext i32 {f.load('%states', i, 'i32')} to i64")
+        f.store(f.load("%rows", state, "ptr"), picked, at, "ptr")
         f.store(factor, weights, at)
         counts = f.new(f"fcmp une double {factor}, {ZERO}")
         f.store(f.add(at, f.new(f"zext i1 {counts} to i64")), number, kind="i64")

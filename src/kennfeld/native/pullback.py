@@ -28,11 +28,11 @@ PARAMETERS = (
     ("ptr", "sources"),  # i32[entries], whose adjoint each is to be multiplied with
     ("ptr", "weights"),  # double[entries], and with what
     ("ptr", "slope"),  # double[entries][rows]
-    ("i64", "state_count"),
-    ("ptr", "states"),  # i32[states]
+    ("ptr", "ends"),  # i32[rows + 1], where the cells of a row end, from 0 on
+    ("ptr", "cells"),  # i32[cells][2]: the adjoint of a state, and its place in the matrix
     ("i64", "outputs"),
-    ("ptr", "c"),  # double[outputs][states], slopes of the first rows with respect to states
-    ("ptr", "a"),  # double[rows - outputs][states], those of the others
+    ("ptr", "c"),  # slopes of the first rows with respect to states
+    ("ptr", "a"),  # those of the others
 )
 
 
@@ -92,19 +92,14 @@ def _fill_entries(f: Function, v: "_Vectors", row: str) -> None:
 
 
 def _fill_matrices(f: Function, v: "_Vectors", row: str) -> None:
-    """Write the slopes with respect to states, a row of a matrix a lane."""
-    bases = []
+    """Write the slopes with respect to states, of the rows from `row` on."""
     for lane in range(v.lanes):
         own = f.add(row, lane)
-        below = f.new(f"sub i64 {own}, %outputs")
-        is_output = f.new(f"icmp slt i64 {below}, 0")
-        matrix = f.new(f"select i1 {is_output}, ptr %c, ptr %a")
-        number = f.new(f"select i1 {is_output}, i64 {own}, i64 {below}")
-        bases.append(f.at(matrix, f.new(f"mul i64 {number}, %state_count")))
-    with f.loop(0, "%state_count") as state:
-        adjoint = v.load("%adjoints", _index(f, "%states", state))
-        for lane, base in enumerate(bases):
-            f.store(v.lane(adjoint, lane), base, state)
+        matrix = f.new(f"select i1 {f.new(f'icmp slt i64 {own}, %outputs')}, ptr %c, ptr %a")
+        with f.loop(_index(f, "%ends", own), _index(f, "%ends", f.add(own, 1))) as cell:
+            first = f.mul(cell, 2)
+            of, place = _index(f, "%cells", first), _index(f, "%cells", f.add(first, 1))
+            f.store(f.load("%adjoints", f.add(of, lane)), matrix, place)
 
 
 class _Vectors:

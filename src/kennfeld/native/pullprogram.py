@@ -1,7 +1,7 @@
 """A pull-back as part of a model's code: its tables, its memory, and the call of the loop that runs it."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import count
+from itertools import accumulate, count
 
 from kennfeld.graph.pullback import PullBack
 from kennfeld.native.ir import Function
@@ -19,26 +19,27 @@ class PullProgram:
 
     `source` tells where the adjoint of an atom lies, `scales` what it is multiplied with, `factors` numbers the nodes
     whose values the code has to provide.
-    `states` are the nodes whose slopes go into matrices, `entries` is the most entries that a sample can have.
+    `cells` are for each row the nodes whose slopes go into a matrix, each with its place there, `entries` is the most
+    entries that a sample can have.
     """
 
-    def __init__(self, name: str, back: PullBack, states: Sequence[int], entries: int) -> None:
+    def __init__(self, name: str, back: PullBack, cells: Sequence[Sequence[tuple[int, int]]], entries: int) -> None:
         self.name = name
         self.rows = len(back.roots)
         self.scales = back.scales
         self.factors = _numbered(pull.factor for pull in back.pulls)
-        self._states = states
         self._entries = entries
         self._lanes = max(lanes for lanes in PULL if lanes <= max(self.rows, 1))
         leaves = sorted({leaf for row in back.reach for leaf in row})
-        slots = _numbered([*back.roots, *states, *leaves, *(node for pull in back.pulls for node in pull[:2])])
+        slots = _numbered([*back.roots, *leaves, *(node for pull in back.pulls for node in pull[:2])])
         self._slots = len(slots)
         self.source = {node: self._lanes * slot for node, slot in slots.items()}
         self._tables = {
             "roots": [self.source[root] for root in back.roots],
             "pulls": [i for p in back.pulls for i in (self.source[p.of], self.source[p.onto], self.factors[p.factor])],
             "leaves": [self.source[leaf] for leaf in leaves],
-            "states": [self.source[state] for state in states],
+            "ends": [0, *accumulate(map(len, cells))],
+            "cells": [i for row in cells for node, place in row for i in (self.source[node], place)],
         }
 
     def tables(self) -> str:
@@ -70,7 +71,6 @@ class PullProgram:
             "pull_count": len(self._tables["pulls"]) // 3,
             "slots": self._slots,
             "leaf_count": len(self._tables["leaves"]),
-            "state_count": len(self._states),
         }
         tables = {what: f"@{self.name}_{what}" for what in self._tables}
         given: dict[str, str | int] = {**sizes, **tables, **memory, **places}

@@ -8,6 +8,7 @@ from kennfeld.native.emitter import Item, Step
 from kennfeld.native.entries import EntryWriter
 from kennfeld.native.ir import literal
 from kennfeld.native.output import Output, counts
+from kennfeld.native.pattern import Pattern
 from kennfeld.native.pullprogram import PullProgram
 
 __all__ = ["PulledRows", "SlopeRow", "WrittenRows", "output_row", "state_row"]
@@ -76,21 +77,22 @@ class WrittenRows:
 
         return write
 
-    def matrix_items(self, seeds: Sequence[int], outputs: int) -> list[Item]:
+    def matrix_items(self, seeds: Sequence[int], pattern: Pattern) -> list[Item]:
         """Items that write the slopes with respect to states: of the first rows to `%c`, of the others to `%a`."""
-        return [self._matrix_row(row, seeds, outputs) for row in range(len(self._rows))]
+        return [self._matrix_row(row, seeds, pattern) for row in range(len(self._rows))]
 
-    def _matrix_row(self, row: int, seeds: Sequence[int], outputs: int) -> Item:
+    def _matrix_row(self, row: int, seeds: Sequence[int], pattern: Pattern) -> Item:
         counted, slopes = self._rows[row]
-        matrix, number, count = ("%c", row, outputs) if row < outputs else ("%a", row - outputs, len(seeds))
+        of_output = row < pattern.outputs
+        matrix, size = ("%c", pattern.outputs * pattern.carried) if of_output else ("%a", pattern.cells)
+        cells = [(seeds[i], place) for i, place in pattern.places[row]]
 
         def emit(step: Step) -> None:
-            f = step.f
-            into = f.at(matrix, f.mul(f.add(f.mul("%row", count), number), len(seeds)))
-            for i, seed in enumerate(seeds):
-                f.store(self._slope(step, row, seed), into, i)
+            into = step.f.at(matrix, step.f.mul("%row", size))
+            for seed, place in cells:
+                step.f.store(self._slope(step, row, seed), into, place)
 
-        return Item((*counted.needs, *(slopes[seed] for seed in seeds if seed in slopes)), emit)
+        return Item((*counted.needs, *(slopes[seed] for seed, _ in cells)), emit)
 
 
 class PulledRows:

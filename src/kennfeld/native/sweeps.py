@@ -11,40 +11,14 @@ from functools import cache, cached_property
 
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.manystates import ManyStates, add_combination
+from kennfeld.native.manystates import ManyStates, add_combination, many_tables
+from kennfeld.native.pattern import MANY, Pattern
 
-__all__ = ["VECTOR", "Pattern", "Sweeps", "sweeps"]
+__all__ = ["MANY", "VECTOR", "Pattern", "Sweeps", "sweeps"]
 
-TERMS = 4  # factors of S that are added at once: more no longer fit the registers
 VECTOR = 8  # rows of S are padded to a multiple of this; what goes over the end of a matrix row adds zeros
-MANY = 8  # states beyond which loops over them are faster than code for each
 ZERO, HALF = literal(0.0), literal(0.5)
 Rows = list[str]
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """Sizes of a tape and where its matrices can differ from zero."""
-
-    outputs: int
-    latencies: tuple[int, ...]  # of the carried states
-    c: frozenset[int]  # flat indices into c[outputs][carried]
-    a: frozenset[int]  # flat indices into a[carried][carried]
-
-    @property
-    def carried(self) -> int:
-        """How many states carry the influence of a free value."""
-        return len(self.latencies)
-
-    @property
-    def batch(self) -> int:
-        """Samples in a row with the same columns that are added at once: as many as registers hold the factors of."""
-        return max(1, TERMS // max(self.carried, 1))
-
-    @property
-    def accumulates(self) -> bool:
-        """Whether the backward and forward sweeps exist: a delay's memory is too long for Q."""
-        return 0 < self.carried <= 8 and set(self.latencies) == {1}
 
 
 class Sweeps:
@@ -71,7 +45,8 @@ class Sweeps:
     @cached_property
     def rows(self) -> Callable[..., None]:
         """See `_rows`."""
-        return _compiled(*_rows(self.pattern))
+        many = self.pattern.carried > MANY
+        return _compiled(*_rows(self.pattern), tables=many_tables(self.pattern) if many else "")
 
     @cached_property
     def fold(self) -> Callable[..., None]:
@@ -85,10 +60,10 @@ def sweeps(pattern: Pattern) -> Sweeps:
     return Sweeps(pattern)
 
 
-def _compiled(*functions: Function, loops: bool = True) -> Callable[..., None]:
+def _compiled(*functions: Function, loops: bool = True, tables: str = "") -> Callable[..., None]:
     """The last of the functions, which may call the others; without `loops` where to optimise them costs more time."""
     f = functions[-1]
-    return Engine("".join(g.text() for g in functions), loops=loops).function(f.name, f.parameters)
+    return Engine(tables + "".join(g.text() for g in functions), loops=loops).function(f.name, f.parameters)
 
 
 def _row(f: Function, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
@@ -379,25 +354,27 @@ def _rows(pattern: Pattern) -> list[Function]:
 
     A state of latency d has d rows of S in a ring; `rings[i]` is where its oldest one stands.
     """
-    m, n, latencies = pattern.outputs, pattern.carried, pattern.latencies
+    m, n = pattern.outputs, pattern.carried
     names = ("weight", "c", "a", "sensitivities")
     head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "rings"), ("ptr", "next")]
     f = Function("rows", [*head, *ENTRIES, ("ptr", "jacobian"), ("i64", "columns")])
-    bases = [sum(latencies[:i]) for i in range(n)]
+    states = ManyStates(f, pattern) if n > MANY else None
     with f.loop(0, "%length") as k:
         weight = _row(f, "%weight", k, m)
         roots = [f.new(f"call double @llvm.sqrt.f64(double {w})") for w in weight]
-        places = [f.add(f.load("%rings", i, "i64"), bases[i]) for i in range(n)]
-        s = [f.at("%sensitivities", f.mul("%width", place)) for place in places]
         out = [f.at("%jacobian", f.mul(f.add(f.mul(k, m), o), "%columns")) for o in range(m)]
-        (_many_rows if n > MANY else _few_rows)(f, pattern, k, s, roots, out)
-        _turn_rings(f, latencies)
+        if states is not None:
+            _many_rows(f, pattern, k, states, roots, out)
+        else:
+            _few_rows(f, pattern, k, roots, out)
     return [add_combination(n), f] if n > MANY else [f]
 
 
-def _few_rows(f: Function, pattern: Pattern, k: str, s: Rows, roots: Rows, out: Rows) -> None:
+def _few_rows(f: Function, pattern: Pattern, k: str, roots: Rows, out: Rows) -> None:
     """The rows of one sample and the next S, all written out."""
-    m, n = pattern.outputs, pattern.carried
+    m, n, latencies = pattern.outputs, pattern.carried, pattern.latencies
+    places = [f.add(f.load("%rings", i, "i64"), sum(latencies[:i])) for i in range(n)]
+    s = [f.at("%sensitivities", f.mul("%width", place)) for place in places]
     c, a = _row(f, "%c", k, m * n, pattern.c), _row(f, "%a", k, n * n, pattern.a)
     for o in range(m):
         _clear_row(f, out[o])
@@ -415,22 +392,23 @@ def _few_rows(f: Function, pattern: Pattern, k: str, s: Rows, roots: Rows, out: 
     for i in range(n):
         with f.loop(0, _whole(f)) as j:
             f.store(f.load(f.at("%next", f.mul("%width", i)), j), s[i], j)
+    _turn_rings(f, latencies)
 
 
-def _many_rows(f: Function, pattern: Pattern, k: str, s: Rows, roots: Rows, out: Rows) -> None:
+def _many_rows(f: Function, pattern: Pattern, k: str, states: ManyStates, roots: Rows, out: Rows) -> None:
     """The same by loops over the states."""
     m, n = pattern.outputs, pattern.carried
-    states = ManyStates(f, s)
+    states.begin()
     for o in range(m):
         _clear_row(f, out[o])
-        states.add_output(out[o], roots[o], f.at("%c", f.mul(f.add(f.mul(k, m), o), n)))
-    states.step(f.at("%a", f.mul(k, n * n)))
-    count, read = _entries(f, k, m + n, m)
+        states.add_output(out[o], o, roots[o], f.at("%c", f.mul(f.add(f.mul(k, m), o), n)))
+    states.step(f.at("%a", f.mul(k, pattern.cells)))
+    count, read = _entries(f, k, pattern.rows, m)
     with f.loop(0, count) as e:
         column, slopes = read(e)
         for o in range(m):
             f.increase(f.fmul(roots[o], slopes[o]), out[o], column)
-        place = f.mul(f.add(f.mul(k, "%room"), e), m + n)
+        place = f.mul(f.add(f.mul(k, "%room"), e), pattern.rows)
         states.add_entry(column, f.at("%slope", f.add(place, m)))
     states.turn()
 

@@ -6,11 +6,12 @@ The tape holds, for each sample, what the sums over samples need and nothing of 
 |---|---|
 | residual, weight | [outputs], 0 where a sample is not scored |
 | c | [outputs][carried], slopes of outputs with respect to states |
-| a | [carried][carried], slopes of next states with respect to states |
-| index, slope | [entries], [entries][outputs + carried]: column and slopes of each value that the step touches |
+| a | slopes of next states with respect to states, see `Pattern` |
+| index, slope | [entries], [entries][rows]: column and slopes of each value that the step touches |
 | count | how many entries |
 
-An entry is a grid point of a lookup; one column may occur in several entries.
+Rows are those of the outputs and of the states that the pattern keeps. An entry is a grid point of a lookup; one column
+may occur in several entries.
 """
 
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
 from kennfeld.native.entries import entries_of, entry_items
 from kennfeld.native.ir import Function, literal
 from kennfeld.native.output import Output, counts, loss_of, scaled_residual, weighted
+from kennfeld.native.pattern import Pattern
 from kennfeld.native.pullprogram import FILLED, PullProgram
 from kennfeld.native.rows import find
 from kennfeld.native.slopes import PulledRows, WrittenRows, output_row, state_row
@@ -38,15 +40,18 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
 
     `scores[output]` is the weight of the dataset and criterion.
     """
+    pattern = Pattern.of(line)
     rows = [output_row(at, output) for at, output in enumerate(outputs)]
-    rows += [state_row(line.states[i].next) for i in line.carried]
+    rows += [state_row(line.states[line.carried[i]].next) for i in pattern.kept]
+    slopes = line.slopes.only([*range(len(outputs)), *(len(outputs) + i for i in pattern.kept)])
     tail = [_residual(at, output, len(outputs)) for at, output in enumerate(outputs)]
-    if isinstance(line.slopes, PullBack):
+    if isinstance(slopes, PullBack):
         room = entries_of(line, layout, line.atoms).room
-        program = PullProgram("tape", line.slopes, line.seeds, room)
-        return _pulled_tape(line, layout, PulledRows(rows, program), tail, room)
-    written = WrittenRows(rows, line.slopes)
-    tail += written.matrix_items(line.seeds, len(outputs))
+        cells = [[(line.seeds[i], place) for i, place in row] for row in pattern.places]
+        program = PullProgram("tape", slopes, cells, room)
+        return _pulled_tape(line, layout, PulledRows(rows, program), tail, room, pattern)
+    written = WrittenRows(rows, slopes)
+    tail += written.matrix_items(line.seeds, pattern)
     tail += entry_items(line, layout, line.atoms, written.writer, written.needs)
     return loop_code("tape", TAPE, tail, line, layout, len(outputs))
 
@@ -67,9 +72,11 @@ def _residual(at: int, output: Output, outputs: int) -> Item:
     return Item(output.nodes, emit)
 
 
-def _pulled_tape(line: Linearization, layout: Layout, rows: PulledRows, tail: list[Item], room: int) -> Code:
+def _pulled_tape(
+    line: Linearization, layout: Layout, rows: PulledRows, tail: list[Item], room: int, pattern: Pattern
+) -> Code:
     """The tape by a pull-back: the code of a sample leaves what that needs, a loop does the rest."""
-    program, outputs, n = rows.program, len(line.outputs), len(line.seeds)
+    program, outputs = rows.program, pattern.outputs
     tail = [*tail, *rows.seed_items(), *entry_items(line, layout, line.atoms, rows.writer, rows.needs)]
     items = step_items(line, layout, tail, rows.factor_items())
     own = [*PARAMETERS, *TAPE]
@@ -79,7 +86,8 @@ def _pulled_tape(line: Linearization, layout: Layout, rows: PulledRows, tail: li
     filled = [(kind, memory[name]) for kind, name in FILLED]
     with each_sample(f, line, layout, outputs) as sample:
         f.call("tape_step", [*sample.given(own), *filled, *sample.place])
-        c, a = (f.at(matrix, f.mul(sample.row, size * n)) for matrix, size in (("%c", outputs), ("%a", n)))
+        sizes = (("%c", outputs * pattern.carried), ("%a", pattern.cells))
+        c, a = (f.at(matrix, f.mul(sample.row, size)) for matrix, size in sizes)
         slope = f.at("%slope", f.mul(sample.row, room * program.rows))
         program.run(f, memory, entries=_entry_count(f, sample.row), slope=slope, outputs=outputs, c=c, a=a)
     program.free(f, memory)
@@ -91,7 +99,9 @@ def start_code(line: Linearization, layout: Layout) -> Code:
     rows = [state_row(line.starts[i]) for i in line.carried]
     if isinstance(line.start_slopes, PullBack):
         room = entries_of(line, layout, line.start_atoms).room
-        return _pulled_start(line, layout, PulledRows(rows, PullProgram("start", line.start_slopes, (), room)))
+        return _pulled_start(
+            line, layout, PulledRows(rows, PullProgram("start", line.start_slopes, [() for _ in rows], room))
+        )
     written = WrittenRows(rows, line.start_slopes)
     items = node_items(line.nodes, [*line.starts, *written.slope_nodes])
     items += entry_items(line, layout, line.start_atoms, written.writer, written.needs)

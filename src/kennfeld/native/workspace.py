@@ -27,24 +27,26 @@ class Workspace:
 
     def __init__(self, owner: Owner) -> None:
         kernel, length = owner.kernel, owner.length
-        m, n, entries = len(kernel.outputs), kernel.pattern.carried, kernel.entries.room
+        pattern, entries = kernel.pattern, kernel.entries.room
+        m, n = pattern.outputs, pattern.carried
         columns, self.width = kernel.values.free, _whole(kernel.values.reach)
         self.kernel, self.samples, self.widths = kernel, owner.samples, owner.widths
         self.memory = np.zeros(kernel.layout.memory)
         self.hints = np.zeros(kernel.hints, dtype=np.int64)
         self.residual, self.weight = np.zeros((2, length, m))
-        self.c, self.a = np.zeros((length, m, n)), np.zeros((length, n, n))
+        self.c, self.a = np.zeros((length, m, n)), np.zeros((length, pattern.cells))
         self.index = np.zeros((length, entries), dtype=np.int32)
-        self.slope = np.zeros((length, entries, m + n))
+        self.slope = np.zeros((length, entries, pattern.rows))
         self.count = np.zeros(length, dtype=np.int32)
         first = kernel.start_entries.room
         self._start = (np.zeros(first, dtype=np.int32), np.zeros((first, n)), np.zeros(1, dtype=np.int32))
-        self.q, self.l = np.zeros((n, n)), np.zeros(n)
-        self.q_next, self.l_next = np.zeros((length, n, n)), np.zeros((length, n))
-        self.latencies = kernel.pattern.latencies
-        slots = max(sum(self.latencies), (kernel.pattern.batch + 1) * n)
+        swept = n if pattern.accumulates else 0
+        self.q, self.l = np.zeros((swept, swept)), np.zeros(swept)
+        self.q_next, self.l_next = np.zeros((length, swept, swept)), np.zeros((length, swept))
+        self.latencies = pattern.latencies
+        slots = max(sum(self.latencies), (pattern.batch + 1) * n)
         self.sensitivities = _aligned(slots, self.width, self.width)
-        self.next, self.reach = np.zeros((n, self.width)), np.zeros(entries * kernel.pattern.batch * n)
+        self.next, self.reach = np.zeros((n, self.width)), np.zeros(entries * pattern.batch * n)
         self.turn = np.zeros(max(n, 1), dtype=np.int64)
         self.gradient, self.matrix = np.zeros(columns), _aligned(columns, columns, _whole(columns))
         self._jacobian: Float | None = None
@@ -115,7 +117,7 @@ class Workspace:
         length, columns = chunk.length, self.kernel.values.free
         counts = self.weight[:length] > 0
         scored: Bool = np.any(counts, axis=1)
-        used = self._used(chunk, counts if not self.a.shape[1] else None) & scored[:, None]
+        used = self._used(chunk, counts if not self.kernel.pattern.carried else None) & scored[:, None]
         met = np.sort(np.where(used, self.index[:length], columns), axis=1)
         met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
         return np.bincount(met.ravel(), minlength=columns + 1)[:columns]

@@ -13,7 +13,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
-from kennfeld.models import Model
+from kennfeld.models import Model, started
 from kennfeld.models.formula import formula
 from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.choice.shifting import shifted
@@ -192,7 +192,9 @@ def _parameters(given: Start, model: Model | str) -> ParameterSet:
     """The parameters as a set, with those that the model brings along."""
     if not isinstance(given, ParameterSet):
         given = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
-    return model.carried.merged(given) if isinstance(model, Model) else given
+    if not isinstance(model, Model):
+        return given
+    return model.carried.merged(given) if given.origin is None else started(model.carried, given)
 
 
 def _told_apart(

@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.measurement.conversion import says_nothing
+from kennfeld.models import started
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
@@ -85,7 +86,7 @@ class _Assembling:
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
-            initial = self.function.model.values.merged(initial).from_origin(initial.origin)
+            initial = started(self.function.model.values, initial).from_origin(initial.origin)
         self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)

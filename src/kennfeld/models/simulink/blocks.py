@@ -46,6 +46,7 @@ _ADDRESS = re.compile(r"(.*)#([A-Za-z]+)(?::(\d{1,9}))?\s*\Z", re.DOTALL)
 _PORT = re.compile(r"\s*(?:([A-Za-z]+):?)?(\d{0,9})\s*\Z")
 _NUMBER = re.compile(r"\d{1,6}")
 _SPECIAL = {"stateport": "state", "action": "ifaction"}
+_MOST_PORTS = 10_000  # of a block
 
 
 class Builder:
@@ -115,7 +116,7 @@ class Builder:
             path=path,
             parameters=parameters,
             defaults=self.defaults.get(kind, {}),
-            ports=_ports(section),
+            ports=self._counted(section, path),
             mask=mask_of(section),
             reference=_reference(kind, parameters, instance),
             system=self.system(inner, names) if inner is not None else None,
@@ -126,6 +127,13 @@ class Builder:
             attached=dict(section.links),
             lists=_lists(section),
         )
+
+    def _counted(self, section: Section, path: str) -> Ports | None:
+        found = _ports(section)
+        most = max(found.inputs, found.outputs) if found is not None else 0
+        if most > _MOST_PORTS:
+            raise self.trouble.refuse(f"({path[:80]})", f"has {most} ports, and {_MOST_PORTS} is the most")
+        return found
 
     def _enumerations(self, parameters: Mapping[str, str]) -> None:
         written = parameters.get("OutDataTypeStr", "")
@@ -148,7 +156,7 @@ class Builder:
         lines = [_line(part, addresses) for part in section.all("Line")]
         for unknown in addresses.unknown:
             place = joined(*path)[:80] or "the root"
-            self.trouble.remark(f"{place} has a line at {unknown[:80]}, which is no block there; it counts as loose")
+            self.trouble.remark(f"{place} has a line at {unknown[:80]}, which is not there; it counts as loose")
         return tuple(lines)
 
 
@@ -176,11 +184,12 @@ class _Addresses:
         return self._endpoint(block, name, (port[1] if port else "") or usual, port[2] if port else "")
 
     def _endpoint(self, block: Block | None, written: str, port: str, number: str | None) -> Endpoint | None:
-        if block is None:
-            self.unknown.append(written)
+        at = int(number) if number else 1
+        if block is None or at > _MOST_PORTS:
+            self.unknown.append(written if block is None else f"port {at} of {written}")
             return None
         kind = port.lower()
-        return Endpoint(block.sid, _SPECIAL.get(kind, kind), int(number) if number else 1)
+        return Endpoint(block.sid, _SPECIAL.get(kind, kind), at)
 
     def name(self, source: Endpoint | None) -> str:
         """The name that the source block gives its output."""

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Collection, Iterable
 
-from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.atoms import STATE, Atom, Flat, Source
 from kennfeld.models.simulink.blocktypes.registry import KINDS, Kind, UnsupportedError
 from kennfeld.models.simulink.code.files import FunctionFiles
 from kennfeld.models.simulink.contents import Contents
 from kennfeld.models.simulink.continuous_states import ContinuousStates
 from kennfeld.models.simulink.declared import Declared
+from kennfeld.models.simulink.effort import BoundedLoom
 from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.failures import UNFIT, Failures, stand_in, stand_ins, unknown
 from kennfeld.models.simulink.gates import Gates
@@ -46,7 +46,7 @@ class Weaver:
         guesses: Guesses,
     ) -> None:
         self.flat, self.clock, self.bound = flat, clock, bound
-        self.loom = Loom()
+        self.loom = BoundedLoom()
         self.declared = Declared(frozenset(promoted))
         self.expressions = Expressions(self.loom, self.declared)
         self.failures = Failures()
@@ -90,6 +90,7 @@ class Weaver:
     def _built(self, atom: Atom) -> tuple[Wired, ...]:
         """The outputs of a block whose inputs are there."""
         kind = self.kind(atom)
+        self.loom.place = atom.path
         if atom in self.failures:
             return stand_ins(self.loom, atom)
         if kind is None:
@@ -101,7 +102,7 @@ class Weaver:
             return stand_ins(self.loom, atom)
         made: Wired | tuple[Wired, ...] | None = None
         with self.failures.noting(atom):
-            made = kind.rule(self.site(atom))
+            made = self._ruled(atom, kind)
         if made is None:
             return stand_ins(self.loom, atom)
         outputs = made if isinstance(made, tuple) else (made,)
@@ -113,12 +114,21 @@ class Weaver:
     def _look_for_values(self, atom: Atom, kind: Kind) -> None:
         """Note a variable without a value behind a block that stops: all of them are told at once."""
         try:
-            kind.rule(self.site(atom))
+            self._ruled(atom, kind)
         except UnsupportedError as unsupported:
             if unsupported.undefined:
                 self.failures.note(atom, *unsupported.parts)
         except UNFIT:
             return
+
+    def _ruled(self, atom: Atom, kind: Kind) -> Wired | tuple[Wired, ...]:
+        """What a block's rule makes; where it stops half-way, the memories it has begun are not completed."""
+        begun = len(self.visits.agenda)
+        try:
+            return kind.rule(self.site(atom))
+        except (UnsupportedError, *UNFIT):
+            self.visits.agenda.leave((atom, atom.last), since=begun)
+            raise
 
     # signals
 

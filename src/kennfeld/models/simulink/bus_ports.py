@@ -1,5 +1,6 @@
 """Ports that several blocks share, each for one element of a bus: In Bus Element and Out Bus Element."""
 
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.tree import Block, System
 
 __all__ = ["element_of", "elements", "port_label"]
@@ -13,13 +14,9 @@ def element_of(block: Block) -> str | None:
     return (block.value("Element") or "").strip() if shared == "on" else None
 
 
-def elements(system: System, kind: str, port: str) -> list[Block]:
-    """The blocks of one kind that share a port, by its number as written."""
-    return [one for one in system.of(kind) if element_of(one) is not None and _number(one) == port]
-
-
-def _number(block: Block) -> str:
-    return (block.value("Port") or "1").strip()
+def elements(system: System, kind: str, port: int) -> list[Block]:
+    """The blocks of one kind that share a port, by its number."""
+    return [one for one in system.of(kind) if element_of(one) is not None and port_number(one) == port]
 
 
 def port_label(block: Block) -> str:

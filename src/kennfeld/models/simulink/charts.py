@@ -17,7 +17,7 @@ _KINDS = {
     "1": "Truth Table",
     "STATE_TRANSITION_TABLE_CHART": "State Transition Table",
 }
-_SETTINGS = ("stateMachineType", "enableSuperStep", "superStep", "initializeOutput", "continuousTime")
+_SETTINGS = ("stateMachineType", "enableNonTerminalStates", "initializeOutput")
 _TABLES = ("state", "junction", "transition", "data", "event")
 
 
@@ -118,7 +118,7 @@ def _chart(section: Section, name: str, content: Content) -> Chart:
         data=tuple(_data(part, parent) for part, _, parent in _of(content, "data")),
         events=tuple(_event(part, parent) for part, _, parent in _of(content, "event")),
         execute_at_initialization=keys.get("executeAtInitialization") == "1",
-        bits=keys.get("enableBitOps") == "1",
+        bits=keys.get("actionLanguage") == "1",
         settings={key: keys[key] for key in _SETTINGS if key in keys},
     )
 

@@ -2,13 +2,16 @@
 
 from kennfeld.models.simulink.atoms import Atom, Source
 from kennfeld.models.simulink.bus_ports import element_of, elements
-from kennfeld.models.simulink.levels import SPECIAL, Level, around, number_of, tag_of
+from kennfeld.models.simulink.levels import SPECIAL, Level, around, tag_of
 from kennfeld.models.simulink.placed import Placed
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.scopes import written_names
 from kennfeld.models.simulink.tree import Block, Endpoint, Ports
 from kennfeld.models.simulink.wires import Wires
 
 __all__ = ["Connecting"]
+
+_MOST_INPUTS = 1_000_000  # of all blocks
 
 
 class Connecting:
@@ -17,6 +20,7 @@ class Connecting:
     def __init__(self, placed: Placed) -> None:
         self.placed = placed
         self.wires = Wires(placed.gotos)
+        self._ends = 0
 
     def connect(self) -> None:
         """Find the sources of all inputs."""
@@ -79,14 +83,17 @@ class Connecting:
 
     def _inputs(self, level: Level, sid: str, atom: Atom) -> None:
         count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
+        self._ends += count
+        if self._ends > _MOST_INPUTS:
+            raise OverflowError(f"its blocks have more than {_MOST_INPUTS} inputs")
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
         if atom.kind == "BusElements":
-            shared = elements(level.system, "Outport", (atom.block.value("Port") or "1").strip())
+            shared = elements(level.system, "Outport", port_number(atom.block))
             ends = [Endpoint(one.sid, "in") for one in shared]
             atom.ways = tuple(element_of(one) or "" for one in shared)
         atom.inputs = [self.wires.source(level, end) for end in ends]
         if atom.kind == "BusElement" and level.parent is not None and level.holder is not None:
-            atom.inputs = [self.wires.source(level.parent, Endpoint(level.holder.sid, "in", number_of(atom.block)))]
+            atom.inputs = [self.wires.source(level.parent, Endpoint(level.holder.sid, "in", port_number(atom.block)))]
             atom.ways = (element_of(atom.block) or "",)
         if atom.kind == "Chart" and atom.block.system is not None:
             atom.special = {SPECIAL[port.type]: port for port in atom.block.system.of("TriggerPort")}

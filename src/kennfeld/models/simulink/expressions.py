@@ -14,6 +14,7 @@ from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.arrays import check_size
 from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.no_value import BeyondGraphError, NoValueError
 from kennfeld.models.simulink.scopes import Array, Coded, Masked, Scope, Value, Variable
@@ -131,6 +132,7 @@ class Expressions:
         """A value as constants of the graph."""
         if not isinstance(value, np.ndarray):
             return value
+        check_size(value.size)
         made = [self.loom.const(float(number)) for number in value.ravel()]
         return np.atleast_2d(np.array(made, dtype=np.int64).reshape(value.shape))
 

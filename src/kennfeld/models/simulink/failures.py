@@ -54,8 +54,14 @@ class _Noting(AbstractContextManager[None, bool]):
         if isinstance(error, UnsupportedError):
             self.failures.note(self.atom, *error.parts)
         elif isinstance(error, UNFIT):
-            self.failures.note(self.atom, f"its settings do not fit its signals: {str(error)[:200]}")
+            self.failures.note(self.atom, _unfit(error), "", getattr(error, "undefined", ""))
         return isinstance(error, (UnsupportedError, *UNFIT))
+
+
+def _unfit(error: BaseException) -> str:
+    """What a block's settings or signals ran into."""
+    said = str(error)[:200]
+    return said if isinstance(error, NoValueError) else f"its settings do not fit its signals: {said}"
 
 
 def stand_in(loom: Loom) -> Signal:

@@ -11,10 +11,11 @@ from kennfeld.models.simulink.bus_ports import element_of, elements
 from kennfeld.models.simulink.comments import in_use
 from kennfeld.models.simulink.connecting import Connecting
 from kennfeld.models.simulink.iteration import iterator_of, planned
-from kennfeld.models.simulink.levels import SPECIAL, Level, number_of, tag_of
+from kennfeld.models.simulink.levels import SPECIAL, Level, tag_of
 from kennfeld.models.simulink.libraries import is_of_simulink
 from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.placed import Placed
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.repetition import Repetition
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System, joined, split
@@ -45,7 +46,7 @@ def flatten(
     system = in_use(system)
     root = _Placing(placed, cuts, opaque, models or {}, known, counts or {}).level(Level(system, (), scope, None))
     Connecting(placed).connect()
-    ports = {kind: sorted(system.of(kind), key=number_of) for kind in ("Inport", "Outport")}
+    ports = {kind: sorted(system.of(kind), key=port_number) for kind in ("Inport", "Outport")}
     inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
     return Flat(placed.atoms, inports, outports, placed.chosen, placed.built)
 
@@ -135,7 +136,7 @@ class _Placing:
             why = "an output of a conditional subsystem that is made of bus elements"
         if block.type == "Inport":
             self.placed.atom(level, block, "BusElement", why if level.repeated is not None else "")
-        elif block is elements(level.system, "Outport", (block.value("Port") or "1").strip())[0]:
+        elif block is elements(level.system, "Outport", port_number(block))[0]:
             self.placed.atom(level, block, "BusElements", why)
 
     def _closed(self, block: Block) -> str:
@@ -175,7 +176,7 @@ class _Placing:
     def _inport(self, level: Level, block: Block) -> None:
         """An inport within a subsystem is but a wire, unless each element gets a part of the signal."""
         plan = level.repeated
-        number = number_of(block)
+        number = port_number(block)
         on = plan.block.listed("InputPartition") if plan is not None else ()
         if plan is None or not plan.each or (number <= len(on) and on[number - 1] == "off"):
             return

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 
 from kennfeld.models.simulink.atoms import Atom
 from kennfeld.models.simulink.iteration import Plan
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.tree import Block, Endpoint, System
 
-__all__ = ["SPECIAL", "Level", "around", "number_of", "priority_of", "tag_of"]
+__all__ = ["SPECIAL", "Level", "around", "priority_of", "tag_of"]
 
 SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 
@@ -56,7 +57,7 @@ class Level:
 
     def port(self, kind: str, number: int) -> Block | None:
         """The Inport or Outport block of a number."""
-        return next((b for b in self.system.of(kind) if number_of(b) == number), None)
+        return next((b for b in self.system.of(kind) if port_number(b) == number), None)
 
 
 def around(level: Level) -> Iterator[Level]:
@@ -65,12 +66,6 @@ def around(level: Level) -> Iterator[Level]:
     while here is not None:
         yield here
         here = here.parent
-
-
-def number_of(block: Block) -> int:
-    """The number of a port, as an Inport or Outport says it."""
-    written = (block.value("Port") or "1").strip()
-    return int(written) if written.isdecimal() else 1
 
 
 def tag_of(block: Block) -> str:

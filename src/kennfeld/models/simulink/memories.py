@@ -9,6 +9,7 @@ from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.atoms import STATE, Atom
 from kennfeld.models.simulink.gates import Gates
 from kennfeld.models.simulink.guesses import Key
+from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.site import Site, resized
 from kennfeld.models.simulink.state_ports import StatePorts
@@ -39,7 +40,7 @@ class Memories:
         shape = self.shapes.of(key, init)
         try:
             first = resized(init.nodes, shape)
-        except ValueError:
+        except NoValueError:
             first = init.nodes
         period = site.period()
         read = Signal(self._read((atom, number), first, latency), period if period else CONTINUOUS)
@@ -56,7 +57,7 @@ class Memories:
         site.before += 1
         key, first = (site.atom, STATE - site.before), init.nodes
         read = self._read(key, first, 1)
-        self._writes[key] = lambda: self.timing.at_major(x()).nodes
+        self._writes[key] = lambda: resized(self.timing.at_major(x()).nodes, read.shape)
         return Signal(read, CONTINUOUS)
 
     def restarted(self, atom: Atom, read: Signal, first: Nodes) -> Signal:

@@ -10,6 +10,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.models.simulink.dictionary import read_dictionary
 from kennfeld.models.simulink.files import read_document
 from kennfeld.models.simulink.libraries import Libraries, Resolved, is_of_simulink
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.tree import Block, Document, Solver, System
 from kennfeld.models.simulink.workspace import workspace_variables
 
@@ -127,13 +128,8 @@ def outline(path: str | Path, folders: Iterable[str | Path] = ()) -> Outline:
 
 def _ports(system: System, kind: str) -> tuple[Port, ...]:
     """The ports of a system in the order of their numbers."""
-    found = sorted(system.of(kind), key=_number)
+    found = sorted(system.of(kind), key=port_number)
     return tuple(Port(block.name, _unit(block)) for block in found)
-
-
-def _number(block: Block) -> int:
-    written = (block.value("Port") or "1").strip()
-    return int(written) if written.isdigit() and len(written) < 8 else 0
 
 
 def _unit(block: Block) -> str:

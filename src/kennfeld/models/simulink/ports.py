@@ -1,8 +1,10 @@
-"""How many ports a block has where its file leaves that to the type."""
+"""How many ports a block has where its file leaves that to the type, and which one an Inport or Outport is."""
+
+import re
 
 from kennfeld.models.simulink.tree import Block, Ports
 
-__all__ = ["ports_of"]
+__all__ = ["port_number", "ports_of"]
 
 # Files leave out the ports of a block that has as many as a fresh one of its type: one input and one output, but for
 _SOURCES = (
@@ -57,6 +59,16 @@ _USUAL = (
     | dict.fromkeys(("SubSystem", "ModelReference"), Ports(0, 0))
 )
 _ONE_AND_ONE = Ports(1, 1)
+
+
+def port_number(block: Block) -> int:
+    """The number of an Inport or Outport; 1 where the file says none.
+
+    >>> port_number(Block("Inport", "u", "1", "u", {"Port": "3"}))
+    3
+    """
+    written = (block.value("Port") or "1").strip()
+    return int(written) if re.fullmatch(r"\d{1,9}", written) else 1
 
 
 def ports_of(block: Block) -> Ports:

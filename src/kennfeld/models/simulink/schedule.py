@@ -16,6 +16,7 @@ from kennfeld.models.simulink.signals import CONSTANT
 __all__ = ["Clock", "Rate", "common_step", "stated_rate"]
 
 _NEAR = 1e-6  # of a period, as far as times may be rounded
+_SHORTEST = 1e-9  # s, of a sample time
 
 
 class Rate(NamedTuple):
@@ -40,6 +41,8 @@ def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate
         return Rate(CONSTANT)
     if not period >= 0:
         raise NoValueError(f"{text.strip()[:40]} is no sample time")
+    if 0 < period < _SHORTEST:
+        raise NoValueError(f"{text.strip()[:40]} is a sample time of {period:g} s, and {_SHORTEST:g} s is the shortest")
     return Rate(period, offset if period else 0.0)
 
 

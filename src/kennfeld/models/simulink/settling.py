@@ -13,6 +13,7 @@ from kennfeld.models.simulink.guesses import Guesses
 __all__ = ["settled"]
 
 _MOST_PASSES = 500
+_MOST_ASKED = 20_000_000  # operations of all passes
 _UNSETTLED = "the sizes or sample times of the signals that are fed back before it do not settle"
 
 
@@ -21,10 +22,14 @@ def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weave
     guesses = Guesses()
     weaver = make(guesses)
     stopped: Weaver | None = None
+    asked = 0
     for _ in range(min(_MOST_PASSES, len(weaver.flat.atoms) + 10)):
+        if asked > _MOST_ASKED:
+            break
         guesses.changed = False
         weaver = make(guesses)
         weaver.demand(goals)
+        asked += weaver.loom.asked
         doubled = guesses.taken | (weaver.inputs.keys() & weaver.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken
         guesses.taken = doubled

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.tree import Block, Endpoint, Line, System
 
 __all__ = ["single"]
@@ -20,7 +21,7 @@ def single(block: Block, inside: System) -> System:
 
 def _ports(block: Block, inside: System, kind: str) -> Iterator[tuple[Block, Line]]:
     for port in inside.of(kind):
-        number = int((port.value("Port") or "1").strip() or 1)
+        number = port_number(port)
         made = _port(kind, port.name.removesuffix("()"), number)
         if kind == "Inport":
             yield made, Line(Endpoint(made.sid, "out"), (Endpoint(block.sid, "in", number),))

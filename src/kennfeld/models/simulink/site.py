@@ -309,7 +309,13 @@ def as_vector(nodes: Nodes) -> Nodes:
 
 
 def resized(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
-    """Nodes in a shape that they fit: a scalar everywhere, a vector as a row or column."""
+    """Nodes in a shape that they fit: a scalar everywhere, a vector as a row or column.
+
+    Raises `NoValueError` where they do not fit it.
+    """
     if nodes.shape == shape:
         return nodes
+    if nodes.size not in (1, math.prod(shape)):
+        wanted = "x".join(map(str, shape))
+        raise NoValueError(f"{nodes.size} values stand where its signal has the size {wanted}")
     return np.full(shape, nodes.ravel()[0], dtype=np.int64) if nodes.size == 1 else nodes.reshape(shape)

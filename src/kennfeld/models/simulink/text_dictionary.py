@@ -34,7 +34,7 @@ def text_chunks(raw: bytes, trouble: Trouble) -> list[Section]:
         return [_chunk(content) for content in contents]
     except RecursionError:
         trouble.error("", "is nested too deeply", "Take a complete copy of the file.")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         trouble.error("", f"is no data dictionary: {str(error)[:80]}", "Take a complete copy of the file.")
     return []
 

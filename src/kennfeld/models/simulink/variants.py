@@ -11,6 +11,7 @@ from kennfeld.models.simulink.declared import Declared
 from kennfeld.models.simulink.expressions import Expressions
 from kennfeld.models.simulink.iteration import iterator_of
 from kennfeld.models.simulink.no_value import NoValueError
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.scopes import Scope, Variable
 from kennfeld.models.simulink.tree import Block, Endpoint, Line, System
 
@@ -156,16 +157,11 @@ def with_choice(block: Block, choice: Block | None) -> System:
 def _ports(choice: Block, kind: str) -> list[tuple[str, int]]:
     """The ports of a choice: name and number; without names where its content is not there."""
     if choice.system is not None:
-        return [(one.name, _number(one)) for one in choice.system.of(kind)]
+        return [(one.name, port_number(one)) for one in choice.system.of(kind)]
     count = (choice.ports.inputs if kind == "Inport" else choice.ports.outputs) if choice.ports is not None else 1
     return [("", number) for number in range(1, count + 1)]
 
 
 def _outside(outer: System, kind: str, name: str, number: int) -> Block | None:
     """The port of the variant subsystem of a name, or of a number where there are no names."""
-    return next((one for one in outer.of(kind) if (one.name == name if name else _number(one) == number)), None)
-
-
-def _number(block: Block) -> int:
-    written = (block.value("Port") or "1").strip()
-    return int(written) if written.isdecimal() else 1
+    return next((one for one in outer.of(kind) if (one.name == name if name else port_number(one) == number)), None)

@@ -4,10 +4,10 @@ Where blocks wait for each other, the loop is noted, and a signal that stands in
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 
-from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.atoms import Atom
+from kennfeld.models.simulink.effort import BoundedLoom
 from kennfeld.models.simulink.failures import Failures, stand_ins
 from kennfeld.models.simulink.needs import Needs
 from kennfeld.models.simulink.signals import Wired
@@ -25,6 +25,15 @@ class Agenda:
         """Have a block and all that it needs built, and then something done for it."""
         self._open.append((atom, complete))
 
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def leave(self, atoms: Collection[Atom], since: int) -> None:
+        """Do nothing for some blocks of what was added behind the first ones; what they need is built all the same."""
+        for at in range(since, len(self._open)):
+            if self._open[at][0] in atoms:
+                self._open[at] = (self._open[at][0], lambda: None)
+
     def next(self) -> tuple[Atom, Callable[[], None]] | None:
         """What was added first of all that is left; None of nothing."""
         return self._open.popleft() if self._open else None
@@ -37,7 +46,12 @@ class Visits:
     """
 
     def __init__(
-        self, loom: Loom, needs: Needs, agenda: Agenda, failures: Failures, build: Callable[[Atom], tuple[Wired, ...]]
+        self,
+        loom: BoundedLoom,
+        needs: Needs,
+        agenda: Agenda,
+        failures: Failures,
+        build: Callable[[Atom], tuple[Wired, ...]],
     ) -> None:
         self.loom = loom
         self.needs = needs
@@ -46,7 +60,7 @@ class Visits:
         self.values = needs.built
         self.loops: list[tuple[Atom, ...]] = []
         self._build = build
-        self._begun: set[Atom] = set()
+        self._begun: dict[Atom, None] = {}  # those that wait for others, the one that waits for all first
 
     def demand(self, atoms: Iterable[Atom]) -> None:
         """Build blocks and all that they need, memories included."""
@@ -57,27 +71,34 @@ class Visits:
             self.visit(atom)
             for needed in self.needs.ever(atom):
                 self.visit(needed)
+            self.loom.place = atom.path
             with self.failures.noting(atom):
                 complete()
 
     def visit(self, root: Atom) -> None:
         """Build a block and what it needs within the step."""
-        stack = [root]
+        waiting = len(self._begun)  # not none where a block is built that others are built for
+        try:
+            self._walk([root])
+        finally:
+            for atom in list(self._begun)[waiting:]:
+                del self._begun[atom]
+
+    def _walk(self, stack: list[Atom]) -> None:
         while stack:
             atom = stack[-1]
             if atom in self.values:
-                stack.pop()
+                self._begun.pop(stack.pop(), None)
                 continue
-            self._begun.add(atom)
+            self._begun[atom] = None
             missing = [needed for needed in self.needs.now(atom) if needed not in self.values]
             if not missing:
                 self.values[atom] = self._build(atom)
-                stack.pop()
                 continue
             looped = next((needed for needed in missing if needed in self._begun), None)
             if looped is not None:
-                begun = [one for one in stack if one in self._begun and one not in self.values]
-                self._loop(tuple(dict.fromkeys(begun[begun.index(looped) :])))
+                begun = list(self._begun)
+                self._loop(tuple(begun[begun.index(looped) :]))
             else:
                 stack.extend(reversed(missing))
 

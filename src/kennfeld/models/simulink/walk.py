@@ -24,7 +24,7 @@ Held: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
 
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
 _ASKING: Final = ("get_param", "eval", "str2num", "str2double")
-_LONGEST: Final = 1_000_000  # elements of an array that an expression makes
+_LONGEST: Final = 200_000  # elements of an array that an expression makes
 
 
 class Walk:
@@ -183,7 +183,7 @@ class Walk:
     def _shaped(self, name: str, arguments: tuple[m.Expression, ...]) -> Nodes:
         """A function that makes or shapes an array of fixed size."""
         own = 1 if name == "reshape" else 0
-        sizes = [int(n) for part in arguments[own:] if part != m.Matrix(((),)) for n in self._sizes(part)]
+        sizes = [n for part in arguments[own:] if part != m.Matrix(((),)) for n in self._sizes(part)]
         if name == "linspace":
             first, last, count = (*map(self._number, arguments), 100.0)[:3]
             if not 1 <= count <= _LONGEST:
@@ -191,9 +191,9 @@ class Walk:
             return np.array([[self.loom.const(float(n)) for n in np.linspace(first, last, int(count))]], dtype=np.int64)
         if name == "reshape":
             array = self.nodes(arguments[0])
-            shape = [-1 if part == m.Matrix(()) else int(self._number(part)) for part in arguments[1:]]
+            shape = [-1 if part == m.Matrix(()) else _whole(self._number(part), "a size") for part in arguments[1:]]
             shape = sizes if len(arguments) == 2 else shape
-            if min(shape) < -1 or array.size > _LONGEST:
+            if min(shape, default=-2) < -1 or array.size > _LONGEST:
                 raise NoValueError(f"reshape to {shape}")
             try:
                 return array.reshape(shape, order="F")
@@ -204,9 +204,9 @@ class Walk:
             raise NoValueError(f"{name} of the size {shape}")
         return np.full(shape, self.loom.const(_SHAPES[name]), dtype=np.int64)
 
-    def _sizes(self, tree: m.Expression) -> list[float]:
+    def _sizes(self, tree: m.Expression) -> list[int]:
         found = self.of.values(Walk(self.of, self.scope, False, self.names).nodes(tree))
-        return [float(n) for n in found.ravel()]
+        return [_whole(float(n), "a size") for n in found.ravel()]
 
     def _is_array(self, name: str) -> bool:
         return name in self.names or self.scope.find(name) is not None
@@ -221,7 +221,9 @@ class Walk:
         places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
         if any(place.size != 1 for place in places):
             raise BeyondGraphError("it takes several elements of an array")
-        at = [int(place.item()) - 1 for place in places]
+        if not places:
+            return array
+        at = [_whole(place.item(), "an index") - 1 for place in places]
         try:
             if min(at) < 0:
                 raise IndexError
@@ -229,6 +231,12 @@ class Walk:
         except IndexError:
             raise NoValueError(f"the element {[a + 1 for a in at]} is outside of an array of {array.shape}") from None
         return np.array([[element]], dtype=np.int64)
+
+
+def _whole(number: float, what: str) -> int:
+    if not math.isfinite(number) or number != round(number):
+        raise NoValueError(f"{what} is {number:g}, which is no whole number")
+    return int(number)
 
 
 def _like(found: Variable, value: Value) -> Variable:

@@ -4,7 +4,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from kennfeld.models.simulink.atoms import STATE, Source
-from kennfeld.models.simulink.levels import Level, around, number_of, tag_of
+from kennfeld.models.simulink.levels import Level, around, tag_of
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.tree import Block, Endpoint
 
 __all__ = ["Wires", "member_names"]
@@ -100,7 +101,7 @@ class Wires:
             return None, None
         block = level.system.by_sid[source.block]
         if block.type == "Inport" and level.holder is not None and level.parent is not None:
-            return level.parent, Endpoint(level.holder.sid, "in", number_of(block))
+            return level.parent, Endpoint(level.holder.sid, "in", port_number(block))
         if block.type == "From":
             goto = self.goto(level, tag_of(block))
             return (goto[0], Endpoint(goto[1].sid, "in")) if goto is not None else (None, None)
@@ -137,7 +138,7 @@ def _original(level: Level, source: Endpoint | None) -> Endpoint | None:
     block = level.system.by_sid.get(source.block) if source is not None else None
     if source is None or block is None or block.type != "InportShadow":
         return source
-    inport = level.port("Inport", number_of(block))
+    inport = level.port("Inport", port_number(block))
     return Endpoint(inport.sid, source.port, source.number) if inport is not None else None
 
 

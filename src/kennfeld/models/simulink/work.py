@@ -12,41 +12,27 @@ from kennfeld.graph import Builder, Graph
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
-from kennfeld.models.simulink import blocktypes
 from kennfeld.models.simulink.atoms import Atom, Flat
 from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError
 from kennfeld.models.simulink.build import Weaver
 from kennfeld.models.simulink.configuration import settings_of
-from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.effort import TooLargeError
 from kennfeld.models.simulink.failures import Failure, unknown
 from kennfeld.models.simulink.guesses import Guesses
-from kennfeld.models.simulink.integration import SOLVERS
 from kennfeld.models.simulink.naming import Names
-from kennfeld.models.simulink.no_value import NoValueError
 from kennfeld.models.simulink.opening import Opened
 from kennfeld.models.simulink.report import ImportReport, Unsupported
-from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
+from kennfeld.models.simulink.schedule import Clock
 from kennfeld.models.simulink.scopes import Scope
 from kennfeld.models.simulink.settling import settled
-from kennfeld.models.simulink.signals import CONSTANT, Signal, Wired
+from kennfeld.models.simulink.signals import Signal, Wired
+from kennfeld.models.simulink.stepping import Stepping
 from kennfeld.models.simulink.tree import System
 
 __all__ = ["Imported", "Work"]
 
-_STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _MOST_ATTEMPTS = 20  # to count passes within passes
 _MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
-_CONTINUOUS = {
-    "Integrator",
-    "PID 1dof",
-    "PID Controller",
-    "PID Controller (with Approximate Derivative)",
-    "PID 2dof",
-    "SecondOrderIntegrator",
-    "StateSpace",
-    "TransferFcn",
-    "ZeroPole",
-}
 
 
 @dataclass(frozen=True)
@@ -74,12 +60,14 @@ class Work:
         self._opened, self._system, self._scope = opened, system, scope
         self.flat = self._flat({})
         self.remarks = list(opened.remarks)
-        self.substitutions: list[str] = []
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self.settings, lost = settings_of(self.document, self.variables)
-        self.substitutions += [lost] if lost else []
-        self.solver, self.clock = self._solver()
+        expressions = Weaver(self.flat, Clock(None), (), self._give, Guesses()).expressions
+        stepping = Stepping(self.settings, self.flat.atoms, expressions, Scope(self.variables))
+        self.solver, self.clock = stepping.solver, stepping.clock
+        self.remarks += stepping.remarks
+        self.substitutions = [*([lost] if lost else []), *stepping.substitutions]
         if step is not None:
             if not 0 < step < math.inf:
                 raise ArgumentError(f"step={step!r} must be a time in s above 0")
@@ -97,63 +85,6 @@ class Work:
         ]
         if findings:
             raise InputError(findings)
-
-    # the solver
-
-    def _solver(self) -> tuple[str, Clock]:
-        """The solver, and the steps of the model."""
-        given = self.settings
-        continuous = any(atom.kind in _CONTINUOUS for atom in self.flat.atoms)
-        periods = self._periods()
-        name = given.name
-        fixed = name in SOLVERS or name.casefold() in ("fixedstepdiscrete", "fixedstepauto")
-        solver = name if name in SOLVERS else "ode3" if name.casefold() == "fixedstepauto" else "ode4"
-        if continuous and not fixed:
-            instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
-            self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
-            if name in _STIFF:
-                self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
-        if fixed:
-            return solver, Clock(self._fixed_step(periods, continuous), continuous)
-        step = common_step(periods)
-        if step is not None:
-            self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
-        return solver, Clock(step, continuous)
-
-    def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
-        text = self.settings.fixed_step.strip()
-        stated = self._number(text) if text not in ("", "auto") else None
-        if stated is not None and stated > 0:
-            return stated
-        common = common_step(periods)
-        if common is not None or not continuous:
-            return common
-        start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
-        return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
-
-    def _number(self, text: str) -> float | None:
-        try:
-            found = self._expressions().numbers(text, Scope(self.variables))
-        except NoValueError:
-            self.remarks.append(f"the solver's setting {text[:60]} has no value")
-            return None
-        return float(found.item()) if found.size == 1 else None
-
-    def _expressions(self) -> Expressions:
-        return Weaver(self.flat, Clock(None), (), self._give, Guesses()).expressions
-
-    def _periods(self) -> list[float]:
-        """All sample times that blocks state, and the times between which pulses change."""
-        expressions = self._expressions()
-        found: list[float] = []
-        for atom in self.flat.atoms:
-            try:
-                rate = stated_rate(atom, expressions, KINDS.get(atom.kind))
-                found += [rate.period, rate.offset] if rate is not None else []
-                found += blocktypes.sources.pulse_times(atom, expressions)
-            except NoValueError:
-                continue
-        return [period for period in found if 0 < period < CONSTANT]
 
     # the graph
 
@@ -212,7 +143,10 @@ class Work:
             made.files = self.files
             return made
 
-        return settled(make, goals)
+        try:
+            return settled(make, goals)
+        except TooLargeError as error:
+            raise InputError.of(f"{self.path.name} {error.place}".rstrip(), error.what, error.mend) from None
 
     def _stops(self, weaver: Weaver) -> bool:
         return bool(weaver.failures or weaver.visits.loops)
@@ -254,7 +188,10 @@ class Work:
         )  # fmt: skip
 
     def _model(self, weaver: Weaver) -> Model:
-        weaver.finish(self.solver)
+        try:
+            weaver.finish(self.solver)
+        except TooLargeError as error:
+            raise InputError.of(f"{self.path.name} {self.solver}", error.what, error.mend) from None
         names = Names(weaver, self.flat)
         builder, number = _plain(weaver)
         visible = {name: number[at] for name, at in names.visible.items()}

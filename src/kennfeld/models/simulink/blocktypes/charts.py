@@ -42,6 +42,8 @@ def chart(site: Site) -> tuple[Wired, ...]:
             return _Chart(site, given, sizes).outputs()
         except ResizedError as resized:
             sizes[resized.key] = resized.shape
+        except RecursionError:
+            raise UnsupportedError("its states lie too deep within each other", _MEND) from None
     raise UnsupportedError("the sizes of its variables do not settle", "Declare them.")
 
 
@@ -52,10 +54,13 @@ def _check(given: Chart) -> None:
     machine = given.settings.get("stateMachineType", "")
     if "MOORE" in machine.upper():
         raise UnsupportedError("it is a Moore chart", _MEND)
-    if any(given.settings.get(key, "0") not in ("0", "off") for key in ("enableSuperStep", "superStep")):
+    if given.settings.get("enableNonTerminalStates", "0") != "0":
         raise UnsupportedError("it runs in super steps", _MEND)
-    if given.settings.get("initializeOutput", "0") not in ("0", "off"):
+    if given.settings.get("initializeOutput", "0") != "0":
         raise UnsupportedError("it begins with new outputs whenever it wakes up", _MEND)
+    ids = [*(state.id for state in given.states), *(junction.id for junction in given.junctions)]
+    if "" in ids or len(set(ids)) < len(ids):
+        raise UnsupportedError("the file does not tell its states and junctions apart", "Take a complete copy of it.")
     for data in given.data:
         if data.scope not in _KNOWN or data.message:
             kind = "a message" if data.message else data.scope.removesuffix("_DATA").lower().replace("_", " ")

@@ -8,8 +8,8 @@ from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.places import cases_of
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired, fastest
+from kennfeld.models.simulink.site import Site, resized
 
 __all__ = ["restart"]
 
@@ -44,16 +44,21 @@ def _condition(site: Site, port: str, u: Signal) -> Signal:
     special = site.atom.special[port]
     zero = site.constant(0.0)
     if port == "enable":
-        truths = site.call("gt", u, zero)
-        return Signal(np.array([fold(site.loom, "or", truths.flat)], dtype=np.int64), u.period)
-    if port == "ifaction":
-        return site.call("ne", u, zero)
+        return _any(site, site.call("gt", u, zero))
     kind = special.value("TriggerType") or "rising"
-    if kind == "function-call":
+    if port == "ifaction" or kind == "function-call":
+        if u.size > 1:
+            mend = "Give each caller a subsystem of its own."
+            raise UnsupportedError(f"{u.size} calls arrive at its {port} port, which is not supported", mend)
         return site.call("ne", u, zero)
     if kind not in ("rising", "falling", "either"):
         raise UnsupportedError(f"TriggerType is {kind!r}, which is not supported")
-    return site.edge(site.weaver.timing.at_major(u), kind)
+    return _any(site, site.edge(site.weaver.timing.at_major(u), kind))
+
+
+def _any(site: Site, truths: Signal) -> Signal:
+    """1 where one of the elements is: a control signal that is a vector counts by any of them."""
+    return Signal(np.array([fold(site.loom, "or", truths.flat)], dtype=np.int64), truths.period)
 
 
 @block("Held", InitialOutput="[]", OutputWhenDisabled="held")
@@ -72,7 +77,7 @@ def _held(site: Site, wired: Wired) -> Wired:
     if active is None:
         return wired
     runs = Signal(np.array([active], dtype=np.int64), wired.period)
-    init = Signal(np.broadcast_to(init.nodes, wired.shape) if init.size == 1 else init.nodes.reshape(wired.shape))
+    init = Signal(resized(init.nodes, wired.shape))
     control_of = site.atom.control
     resettable = control_of is not None and "trigger" not in control_of.special
     if site.text("OutputWhenDisabled") == "reset" and resettable:
@@ -89,14 +94,16 @@ def merge(site: Site) -> Wired:
     sources = [source for source in site.atom.inputs if source is not None]
     text = site.text("InitialOutput")
     init = site.constant(0.0) if text in ("[]", "") else site.parameter("InitialOutput")
-    shape = site.weaver.value(sources[0]) if sources else init
-    if not isinstance(shape, Signal):
+    merged = [(_runs(site, source), site.weaver.value(source)) for source in sources]
+    signals = [wired.signal if isinstance(wired, OpenBus) else wired for _, wired in merged]
+    if not all(isinstance(signal, Signal) for signal in signals):
         raise UnsupportedError("it merges buses")
-    first = Signal(np.broadcast_to(init.nodes, shape.shape) if init.size == 1 else init.nodes)
+    first = site.spread(init, *(signal for signal in signals if isinstance(signal, Signal)))[0]
     made: list[Signal] = []
     y = site.weaver.memories.always_later(site, first, lambda: made[0])
-    for source in sources:
-        y = site.select(_runs(site, source), site.weaver.signal(source), y)
+    for (runs, _), signal in zip(merged, signals, strict=True):
+        assert isinstance(signal, Signal)
+        y = site.select(runs, signal, y)
     made.append(y)
     return y
 
@@ -121,7 +128,9 @@ def if_block(site: Site) -> tuple[Wired, ...]:
             raise UnsupportedError(
                 f"its condition {text[:60]} cannot be built: {error}", undefined=error.undefined
             ) from None
-        holds = Signal(nodes.ravel()[:1], min(one.period for one in site.inputs))
+        if nodes.size != 1:
+            raise UnsupportedError(f"its condition {text[:60]} has {nodes.size} values where one is expected")
+        holds = Signal(nodes.ravel(), fastest([one.period for one in site.inputs]))
         outputs.append(site.call("and", none, holds))
         none = site.call("and", none, site.call("not", holds))
     return (*outputs, none) if site.on("ShowElse") else tuple(outputs)

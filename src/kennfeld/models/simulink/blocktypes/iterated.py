@@ -6,8 +6,9 @@ from kennfeld.models.simulink.atoms import Source
 from kennfeld.models.simulink.blocktypes.conditional import restart
 from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
 from kennfeld.models.simulink.no_value import NoValueError
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.signals import Bus, Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.site import Site, resized
 from kennfeld.models.simulink.tree import Block, joined, split
 
 _LARGEST = 1000.0  # passes
@@ -94,7 +95,7 @@ def _last(site: Site, outputs: list[Wired], passes: list[Signal]) -> Wired:
     y = signals[0]
     if site.loom.value(passes[0].flat[0]) != 1:
         init = site.constant(0.0) if site.text("InitialOutput") in ("[]", "") else site.parameter("InitialOutput")
-        init = Signal(np.broadcast_to(init.nodes, y.shape) if init.size == 1 else init.nodes.reshape(y.shape))
+        init = Signal(resized(init.nodes, y.shape))
         y = site.select(passes[0], y, site.weaver.memories.always_later(site, init, lambda: made[0]))
     for active, signal in zip(passes[1:], signals[1:], strict=True):
         y = site.select(active, signal, y)
@@ -145,7 +146,7 @@ def _each(site: Site) -> tuple[Block, int]:
     each = site.atom.special.get("each")
     if each is None:
         raise UnsupportedError("it is no port of a For Each subsystem")
-    return each, int(site.atom.block.value("Port") or "1")
+    return each, port_number(site.atom.block)
 
 
 def _setting(each: Block, name: str, number: int, otherwise: int = 1) -> int:

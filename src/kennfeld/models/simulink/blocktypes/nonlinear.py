@@ -14,7 +14,7 @@ def saturate(site: Site) -> Wired:
 @block("Saturation Dynamic")
 def saturation_dynamic(site: Site) -> Wired:
     """The middle input within the upper limit, the first, and the lower, the third."""
-    up, u, low = site.inputs
+    up, u, low = (site.input(at) for at in range(3))
     clipped = site.select(site.call("lt", u, low), low, u)
     return site.select(site.call("gt", u, up), up, clipped)
 

@@ -54,19 +54,27 @@ def demux(site: Site) -> tuple[Wired, ...]:
 
 
 def _outputs(site: Site) -> int:
+    given = _stated(site)
+    return given[0] if len(given) == 1 else len(given)
+
+
+def _stated(site: Site) -> list[int]:
+    """The number of outputs, or the width of each of them."""
     given = site.numbers("Outputs").ravel()
-    return int(given[0]) if given.size == 1 else int(given.size)
+    if not (given.size and all(n.is_integer() for n in given.tolist())):
+        raise UnsupportedError(f"its Outputs is {site.text('Outputs')[:60]}, no whole numbers")
+    return [int(n) for n in given]
 
 
 def _widths(site: Site, size: int) -> list[int]:
-    given = [int(n) for n in site.numbers("Outputs").ravel()]
+    given = _stated(site)
     if len(given) > 1:
         free = [at for at, width in enumerate(given) if width <= 0]
         rest = size - sum(width for width in given if width > 0)
         for at, width in zip(free, _shares(rest, len(free)), strict=True):
             given[at] = width
         if sum(given) != size or min(given) < 1:
-            raise UnsupportedError(f"a vector of {size} elements does not fit its outputs {given}")
+            raise UnsupportedError(f"a vector of {size} elements does not fit its outputs {str(given)[:100]}")
         return given
     count = given[0] if given else 0
     if not 1 <= count <= size:

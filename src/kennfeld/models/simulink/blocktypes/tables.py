@@ -258,7 +258,7 @@ def lookup_dynamic(site: Site) -> Wired:
     method = _old_method(site)
     if site.count != 3:
         raise UnsupportedError(f"it has {site.count} inputs, not one each for x, the breakpoints and the values")
-    x, xs, ys = site.inputs
+    x, xs, ys = (site.input(at) for at in range(3))
     if method.between != "linear" or xs.size != ys.size or xs.size < 2:
         raise UnsupportedError("only linear interpolation between two or more points is supported")
     points = [[Signal(np.array([node], dtype=np.int64), one.period) for node in one.flat] for one in (xs, ys)]

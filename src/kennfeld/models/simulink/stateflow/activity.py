@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Activity"]
 
+_FEW = 12  # children; what many of them do is followed apart, so that one does not burden the next
+
 
 class Activity:
     """The states of a machine."""
@@ -64,8 +66,18 @@ class Activity:
                 if where is not None:
                     self.execute(child, context, where)
             return
-        for child, where in self.each_child(state, guard):
+        ways = self.each_child(state, guard)
+        if len(ways) <= _FEW:
+            for child, where in ways:
+                self.execute(child, context, where)
+            return
+        before = self.variables.values
+        after = []
+        for child, where in ways:
+            self.variables.values = dict(before)
             self.execute(child, context, where)
+            after.append((where, self.variables.values))
+        self.variables.values = self.variables.joined(before, after)
 
     def each_child(self, state: State, guard: Guard) -> list[tuple[State, Guard]]:
         """The children of a state that may be active now, each with the guard where it is."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from kennfeld.models.simulink.atoms import Atom
+from kennfeld.models.simulink.ports import port_number
 from kennfeld.models.simulink.signals import Nodes, Wired
 from kennfeld.models.simulink.site import Site
 from kennfeld.models.simulink.stateflow.diagram import Event
@@ -26,7 +27,7 @@ def port_names(atom: Atom, kind: str) -> list[str]:
     system = atom.block.system
     if system is None:
         raise UnsupportedError("the file does not say its ports")
-    ports = sorted(system.of(kind), key=lambda one: int((one.value("Port") or "1").strip() or 1))
+    ports = sorted(system.of(kind), key=port_number)
     return [one.name.removesuffix("()") for one in ports]
 
 
@@ -73,7 +74,10 @@ class Calls:
             seen.add(atom)
             if atom in self._controls:
                 found.add(self._controls[atom])
-            waiting += self.site.weaver.needs.now(atom)
+            if atom.kind == "Chart":  # which of its inputs it needs is asked in turn
+                waiting += [one.atom for one in atom.inputs if one is not None]
+            else:
+                waiting += self.site.weaver.needs.now(atom)
         return frozenset(found)
 
     def start(self, at: int) -> Nodes:

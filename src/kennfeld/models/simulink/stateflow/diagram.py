@@ -11,6 +11,8 @@ from kennfeld.models.simulink.unsupported import UnsupportedError
 
 __all__ = ["Action", "Arrow", "Data", "Diagram", "Event", "Function", "Knot", "State"]
 
+_DEEPEST = 40  # states within states
+
 
 @dataclass(eq=False)
 class Action:
@@ -155,6 +157,8 @@ class Diagram:
         parent = self.holder(drawn.parent)
         if parent is None:
             return None
+        if len(list(parent.around)) > _DEEPEST:
+            raise UnsupportedError(f"its states lie more than {_DEEPEST} deep within each other")
         made = State(drawn.id, drawn.name, parent, drawn.decomposition == "SET_STATE", order=drawn.order)
         self.states[drawn.id] = made
         if drawn.type == "FUNC_STATE":

@@ -113,8 +113,9 @@ def _action(word: str, code: str) -> Action:
 def transition_label(label: str, language: str = "C") -> TransitionLabel:
     """The parts of a transition's label.
 
-    >>> transition_label("after(a/b, sec)[x[1] > 0]{y = 1;}/{z = 2;}")
-    TransitionLabel(event='after(a/b, sec)', condition='x[1] > 0', condition_action='y = 1;', action='z = 2;')
+    >>> found = transition_label("after(a/b, sec)[x[1] > 0]{y = 1;}/{z = 2;}")
+    >>> found.event, found.condition, found.condition_action, found.action
+    ('after(a/b, sec)', 'x[1] > 0', 'y = 1;', 'z = 2;')
     """
     text = without_comments(label.replace("\r\n", "\n").replace("\r", "\n"), language).strip()
     if text == "?":

@@ -88,8 +88,8 @@ class Timers:
     def _watch(self, tree: m.Expression, state: State) -> None:
         base = tree.of if isinstance(tree, m.Call) else tree
         data = self.diagram.datum(base.name, state) if isinstance(base, m.Name) else None
-        if data is None:
-            raise UnsupportedError("it asks for the change of what is no variable of the chart")
+        if data is None or data.written.scope not in ("INPUT_DATA", "OUTPUT_DATA", "LOCAL_DATA"):
+            raise UnsupportedError("it asks for the change of what is no input, output or local variable of the chart")
         self.watched[data.key] = None
 
 

@@ -88,7 +88,7 @@ class Values:
         if way is None or state is None:
             return None
         data = self.diagram.data.get((state.id, way[-1]))
-        return data.key if data is not None else None
+        return data.key if data is not None and data.key in self.variables else None
 
     # what only charts know
 

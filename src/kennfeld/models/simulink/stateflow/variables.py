@@ -1,6 +1,6 @@
 """The variables of a chart while one step of it is followed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -64,3 +64,17 @@ class Variables:
     def put(self, key: str, node: int, guard: Guard) -> None:
         """Give a scalar a value where a guard holds."""
         self.set(key, np.array([[node]], dtype=np.int64), guard)
+
+    def joined(
+        self, before: Mapping[str, Nodes], ways: Sequence[tuple[Guard, Mapping[str, Nodes]]]
+    ) -> dict[str, Nodes]:
+        """The values after ways that exclude each other, each with the guard where it is taken."""
+        made = dict(before)
+        for guard, after in ways:
+            for key, nodes in after.items():
+                old = before.get(key)
+                if old is None:
+                    made[key] = nodes
+                elif nodes is not old:
+                    made[key] = self.logic.chosen(guard, self.logic.simplified(nodes, guard), made[key])
+        return made

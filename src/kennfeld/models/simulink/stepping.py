@@ -1,0 +1,101 @@
+"""How a model steps: its solver, and the step that hits the sample times of its blocks."""
+
+import math
+from collections.abc import Sequence
+
+from kennfeld.models.simulink import blocktypes
+from kennfeld.models.simulink.atoms import Atom
+from kennfeld.models.simulink.blocktypes.registry import KINDS
+from kennfeld.models.simulink.expressions import Expressions
+from kennfeld.models.simulink.integration import SOLVERS
+from kennfeld.models.simulink.no_value import NoValueError
+from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
+from kennfeld.models.simulink.scopes import Scope
+from kennfeld.models.simulink.signals import CONSTANT
+from kennfeld.models.simulink.tree import Solver
+
+__all__ = ["Stepping"]
+
+_STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_LEAST_SHARE = 1e-4  # of the shortest sample time, for a step that hits all of them
+_CONTINUOUS = {
+    "Integrator",
+    "PID 1dof",
+    "PID Controller",
+    "PID Controller (with Approximate Derivative)",
+    "PID 2dof",
+    "SecondOrderIntegrator",
+    "StateSpace",
+    "TransferFcn",
+    "ZeroPole",
+}
+
+
+class Stepping:
+    """The `solver` and the `clock` of blocks whose model has these settings; `scope` is what the settings see.
+
+    `substitutions` say what takes the place of what the model asks for, `remarks` which settings have no value.
+    """
+
+    def __init__(self, settings: Solver, atoms: Sequence[Atom], expressions: Expressions, scope: Scope) -> None:
+        self.settings = settings
+        self.expressions = expressions
+        self.scope = scope
+        self.substitutions: list[str] = []
+        self.remarks: list[str] = []
+        continuous = any(atom.kind in _CONTINUOUS for atom in atoms)
+        periods = _periods(atoms, expressions)
+        name = settings.name
+        fixed = name in SOLVERS or name.casefold() in ("fixedstepdiscrete", "fixedstepauto")
+        self.solver = name if name in SOLVERS else "ode3" if name.casefold() == "fixedstepauto" else "ode4"
+        if continuous and not fixed:
+            instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
+            self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
+            if name in _STIFF:
+                self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
+        step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
+        if step is not None and not fixed:
+            self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
+        self.clock = Clock(step, continuous)
+
+    def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
+        text = self.settings.fixed_step.strip()
+        stated = self._number(text) if text not in ("", "auto") else None
+        if stated is not None and stated > 0:
+            return stated
+        common = self._common(periods)
+        if common is not None or not continuous:
+            return common
+        start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
+        return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
+
+    def _common(self, periods: list[float]) -> float | None:
+        """The longest step that hits all times; the shortest of them where such a step would be absurd."""
+        step = common_step(periods)
+        if step is None or step >= _LEAST_SHARE * min(periods):
+            return step
+        self.substitutions.append(
+            f"no step hits all sample times: {min(periods):g} s is the shortest, others hit behind"
+        )
+        return min(periods)
+
+    def _number(self, text: str) -> float | None:
+        try:
+            found = self.expressions.numbers(text, self.scope)
+        except NoValueError:
+            self.remarks.append(f"the solver's setting {text[:60]} has no value")
+            return None
+        return float(found.item()) if found.size == 1 else None
+
+
+def _periods(atoms: Sequence[Atom], expressions: Expressions) -> list[float]:
+    """All sample times that blocks state, and the times between which pulses change."""
+    found: list[float] = []
+    for atom in atoms:
+        try:
+            rate = stated_rate(atom, expressions, KINDS.get(atom.kind))
+            found += [rate.period, rate.offset] if rate is not None else []
+            found += blocktypes.sources.pulse_times(atom, expressions)
+        except NoValueError:
+            continue
+    return [period for period in found if 0 < period < CONSTANT]
