@@ -8,10 +8,10 @@ from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink import effort
-from kennfeld.models.simulink.dictionary import read_dictionary
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.parts import inspect_simulink
+from kennfeld.models.simulink.variables.dictionary import read_dictionary
+from kennfeld.models.simulink.weaving import effort
 
 
 def said(drawn, folder, layout="slx parts", **options):

@@ -10,7 +10,7 @@ from simulink_data import entry, mxarray, numbers, sldd, thing
 from simulink_files import zipped
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.dictionary import read_dictionary
+from kennfeld.models.simulink.variables.dictionary import read_dictionary
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import pytest
 from simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.files import document, read_document
-from kennfeld.models.simulink.ports import ports_of
-from kennfeld.models.simulink.tree import Endpoint, Ports, split
+from kennfeld.models.simulink.files.document import document, read_document
+from kennfeld.models.simulink.files.ports import ports_of
+from kennfeld.models.simulink.files.tree import Endpoint, Ports, split
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
 

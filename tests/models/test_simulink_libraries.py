@@ -3,9 +3,9 @@ from dataclasses import replace
 import pytest
 from simulink_files import LAYOUTS, Mask, Model
 
-from kennfeld.models.simulink import libraries
-from kennfeld.models.simulink.files import read_document
-from kennfeld.models.simulink.libraries import Libraries
+from kennfeld.models.simulink.files import libraries
+from kennfeld.models.simulink.files.document import read_document
+from kennfeld.models.simulink.files.libraries import Libraries
 
 
 def library(name="mylib"):

@@ -9,8 +9,8 @@ import scipy.io
 from simulink_data import Thing, matfile
 from simulink_files import Model
 
-from kennfeld.models.simulink.files import document
-from kennfeld.models.simulink.variables import variables_of
+from kennfeld.models.simulink.files.document import document
+from kennfeld.models.simulink.variables.variables import variables_of
 
 
 def variables(folder, script=None, given=()):

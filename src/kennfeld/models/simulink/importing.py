@@ -6,7 +6,7 @@ from pathlib import Path
 from kennfeld.errors import Finding, InputError
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.opening import Opened
-from kennfeld.models.simulink.variables import Given
+from kennfeld.models.simulink.variables.variables import Given
 from kennfeld.models.simulink.work import Imported, Work
 
 __all__ = ["Imported", "import_simulink", "simulink"]

@@ -1,10 +1,10 @@
 """Names of nodes: outports, then the names of signals, then the paths of blocks; each name means one thing."""
 
 from kennfeld.graph import CLOCK
-from kennfeld.models.simulink.atoms import SHOWING, Atom, Flat
-from kennfeld.models.simulink.build import Weaver
-from kennfeld.models.simulink.bus_ports import port_label
-from kennfeld.models.simulink.signals import leaves
+from kennfeld.models.simulink.expressions.signals import leaves
+from kennfeld.models.simulink.files.bus_ports import port_label
+from kennfeld.models.simulink.flattening.atoms import SHOWING, Atom, Flat
+from kennfeld.models.simulink.weaving.weaver import Weaver
 
 __all__ = ["Names"]
 

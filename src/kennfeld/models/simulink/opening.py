@@ -6,19 +6,19 @@ from pathlib import Path
 from types import MappingProxyType
 
 from kennfeld.errors import InputError, nearest
-from kennfeld.models.simulink.atoms import Flat
-from kennfeld.models.simulink.blocktypes.registry import KINDS, opaque
 from kennfeld.models.simulink.code.files import FunctionFiles
-from kennfeld.models.simulink.configuration import asked
-from kennfeld.models.simulink.files import read_document
-from kennfeld.models.simulink.flatten import flatten
-from kennfeld.models.simulink.libraries import Libraries
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.scopes import Scope, Variable
-from kennfeld.models.simulink.single import single
-from kennfeld.models.simulink.tree import Block, Document, System, joined, split
-from kennfeld.models.simulink.variables import Given, Variables, variables_of
-from kennfeld.models.simulink.variants import content
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.files.document import read_document
+from kennfeld.models.simulink.files.libraries import Libraries
+from kennfeld.models.simulink.files.tree import Block, Document, System, joined, split
+from kennfeld.models.simulink.flattening.atoms import Flat
+from kennfeld.models.simulink.flattening.flatten import flatten
+from kennfeld.models.simulink.flattening.single import single
+from kennfeld.models.simulink.flattening.variants import content
+from kennfeld.models.simulink.variables.configuration import asked
+from kennfeld.models.simulink.variables.scopes import Scope, Variable
+from kennfeld.models.simulink.variables.variables import Given, Variables, variables_of
+from kennfeld.models.simulink.weaving.registry import KINDS, opaque
 
 __all__ = ["Opened"]
 

@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.blocktypes.registry import KINDS
-from kennfeld.models.simulink.no_value import NoValueError
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.files.tree import Block, System, split
+from kennfeld.models.simulink.flattening.variants import content
 from kennfeld.models.simulink.opening import Opened
 from kennfeld.models.simulink.report import Importable, ImportReport
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.tree import Block, System, split
-from kennfeld.models.simulink.variables import Given
-from kennfeld.models.simulink.variants import content
+from kennfeld.models.simulink.variables.scopes import Scope
+from kennfeld.models.simulink.variables.variables import Given
+from kennfeld.models.simulink.weaving.registry import KINDS
 from kennfeld.models.simulink.work import Work
 
 __all__ = ["inspect_simulink"]

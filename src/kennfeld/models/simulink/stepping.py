@@ -4,15 +4,15 @@ import math
 from collections.abc import Sequence
 
 from kennfeld.models.simulink import blocktypes
-from kennfeld.models.simulink.atoms import Atom
-from kennfeld.models.simulink.blocktypes.registry import KINDS
-from kennfeld.models.simulink.expressions import Expressions
-from kennfeld.models.simulink.integration import SOLVERS
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.schedule import Clock, common_step, stated_rate
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.signals import CONSTANT
-from kennfeld.models.simulink.tree import Solver
+from kennfeld.models.simulink.expressions.expressions import Expressions
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import CONSTANT
+from kennfeld.models.simulink.files.tree import Solver
+from kennfeld.models.simulink.flattening.atoms import Atom
+from kennfeld.models.simulink.variables.scopes import Scope
+from kennfeld.models.simulink.weaving.integration import SOLVERS
+from kennfeld.models.simulink.weaving.registry import KINDS
+from kennfeld.models.simulink.weaving.schedule import Clock, common_step, stated_rate
 
 __all__ = ["Stepping"]
 

@@ -9,8 +9,8 @@ from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.models.formula import to_text
 from kennfeld.models.model import Model
+from kennfeld.models.simulink.files.tree import joined, split
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.tree import joined, split
 from kennfeld.whole_files import write_whole
 
 __all__ = ["write_formula"]

@@ -12,22 +12,22 @@ from kennfeld.graph import Builder, Graph
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
-from kennfeld.models.simulink.atoms import Atom, Flat
-from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError
-from kennfeld.models.simulink.build import Weaver
-from kennfeld.models.simulink.configuration import settings_of
-from kennfeld.models.simulink.effort import TooLargeError
-from kennfeld.models.simulink.failures import Failure, unknown
-from kennfeld.models.simulink.guesses import Guesses
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.files.tree import System
+from kennfeld.models.simulink.flattening.atoms import Atom, Flat
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.opening import Opened
 from kennfeld.models.simulink.report import ImportReport, Unsupported
-from kennfeld.models.simulink.schedule import Clock
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.settling import settled
-from kennfeld.models.simulink.signals import Signal, Wired
 from kennfeld.models.simulink.stepping import Stepping
-from kennfeld.models.simulink.tree import System
+from kennfeld.models.simulink.variables.configuration import settings_of
+from kennfeld.models.simulink.variables.scopes import Scope
+from kennfeld.models.simulink.weaving.effort import TooLargeError
+from kennfeld.models.simulink.weaving.failures import Failure, unknown
+from kennfeld.models.simulink.weaving.guesses import Guesses
+from kennfeld.models.simulink.weaving.registry import KINDS, UnsupportedError
+from kennfeld.models.simulink.weaving.schedule import Clock
+from kennfeld.models.simulink.weaving.settling import settled
+from kennfeld.models.simulink.weaving.weaver import Weaver
 
 __all__ = ["Imported", "Work"]
 

@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import fold, matrix_product, towards_zero
 from kennfeld.models.simulink.blocktypes.matrices import as_matrix, inverse_of
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site, as_vector
+from kennfeld.models.simulink.expressions.arrays import fold, matrix_product, towards_zero
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site, as_vector
 
 
 @block("Gain", Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")

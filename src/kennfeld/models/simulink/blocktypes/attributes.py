@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, Wired, leaves
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Signal, Wired, leaves
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 
 @block("Conversion Inherited", "Data Type Conversion Inherited", linked=True)

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.blocktypes.words import Word, word_of
-from kennfeld.models.simulink.signals import Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 _MOST = 2**53  # doubles know all whole numbers up to here
 _PAIRED = 32  # bits of numbers that are both signals

@@ -4,18 +4,18 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.chart import Chart
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.schedule import Rate
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired
-from kennfeld.models.simulink.site import Site, as_vector
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired
+from kennfeld.models.simulink.files.chart import Chart
 from kennfeld.models.simulink.stateflow.calls import Calls, port_names
 from kennfeld.models.simulink.stateflow.diagram import Data, Diagram, Event
 from kennfeld.models.simulink.stateflow.execution import Machine
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
 from kennfeld.models.simulink.stateflow.timers import Timers
 from kennfeld.models.simulink.stateflow.variables import ResizedError
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.schedule import Rate
+from kennfeld.models.simulink.weaving.site import Site, as_vector
 
 _MEND = "Draw it as blocks, or bind its outputs."
 _MEMORIES = ("OUTPUT_DATA", "LOCAL_DATA")

@@ -4,12 +4,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.continuous import rational
 from kennfeld.models.simulink.blocktypes.discrete import direct_form
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.flattening.atoms import is_triggered
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 _HIGHEST_ORDER = 100
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import fold
-from kennfeld.models.simulink.atoms import Source, resets
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.places import cases_of
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.signals import Bus, OpenBus, Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site, resized
+from kennfeld.models.simulink.expressions.arrays import fold
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import Bus, OpenBus, Signal, Wired, fastest
+from kennfeld.models.simulink.flattening.atoms import Source, resets
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site, resized
 
 __all__ = ["restart"]
 

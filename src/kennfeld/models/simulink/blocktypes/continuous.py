@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import fold
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Nodes, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.arrays import fold
+from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 __all__ = ["applied", "matrices", "passes", "rational", "reset_signal", "resetting", "scaled", "with_saturation"]
 

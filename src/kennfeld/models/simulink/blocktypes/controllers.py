@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site
-from kennfeld.models.simulink.tree import Block
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.files.tree import Block
+from kennfeld.models.simulink.flattening.atoms import is_triggered
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 _DEFAULTS = {
     "Controller": "PID", "TimeDomain": "Continuous-time", "Form": "Parallel", "P": "1", "I": "1", "D": "0", "N": "100",

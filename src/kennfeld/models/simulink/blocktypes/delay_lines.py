@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.signals import Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site, Then
+from kennfeld.models.simulink.expressions.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.weaving.site import Site, Then
 
 _MOST_STEPS = 2000  # of a delay whose every step is a memory of its own
 

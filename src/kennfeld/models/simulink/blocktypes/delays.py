@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.weaving.site import Site
 
 _MOST_MEMORIES = 1000  # of a delay that changes; each step of it is a memory of its own
 

@@ -4,7 +4,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import is_triggered
 from kennfeld.models.simulink.blocktypes.continuous import (
     applied,
     matrices,
@@ -14,9 +13,10 @@ from kennfeld.models.simulink.blocktypes.continuous import (
     scaled,
     with_saturation,
 )
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site, Then
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.flattening.atoms import is_triggered
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.weaving.site import Site, Then
 
 
 @block("UnitDelay", needs=nothing, InitialCondition="0", SampleTime="1")

@@ -10,17 +10,17 @@ import numpy as np
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
 from kennfeld.models.simulink.code.body import GLOBAL
 from kennfeld.models.simulink.code.errors import EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memories, Memory, Scout, declares, later, memories
 from kennfeld.models.simulink.code.values import Held, Unclear, field_of
-from kennfeld.models.simulink.named import named_text
-from kennfeld.models.simulink.scopes import Array, written_names
-from kennfeld.models.simulink.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site, as_vector
+from kennfeld.models.simulink.expressions.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.variables.scopes import Array, written_names
+from kennfeld.models.simulink.weaving.named import named_text
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site, as_vector
 from kennfeld.parameters import Axis
 
 __all__ = ["desk_of"]

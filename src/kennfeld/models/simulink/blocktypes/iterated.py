@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import Source
 from kennfeld.models.simulink.blocktypes.conditional import restart
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.ports import port_number
-from kennfeld.models.simulink.signals import Bus, Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site, resized
-from kennfeld.models.simulink.tree import Block, joined, split
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import Bus, Signal, Wired, fastest
+from kennfeld.models.simulink.files.ports import port_number
+from kennfeld.models.simulink.files.tree import Block, joined, split
+from kennfeld.models.simulink.flattening.atoms import Source
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.weaving.site import Site, resized
 
 _LARGEST = 1000.0  # passes
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import fold
 from kennfeld.models.simulink.blocktypes.places import listed, positions
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Nodes, Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.arrays import fold
+from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 __all__ = ["as_matrix", "determinant_of", "inverse_of"]
 

@@ -1,8 +1,8 @@
 """Limits, dead zones, relays, rate limits."""
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 
 @block("Saturate", UpperLimit="0.5", LowerLimit="-0.5", SampleTime="-1")

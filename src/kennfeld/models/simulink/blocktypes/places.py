@@ -5,9 +5,9 @@ import re
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.weaving.registry import UnsupportedError
+from kennfeld.models.simulink.weaving.site import Site
 
 __all__ = ["cases_of", "length_of", "listed", "positions", "within"]
 

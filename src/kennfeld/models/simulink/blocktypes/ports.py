@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import SHOWING
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import CONTINUOUS, Signal, Wired
+from kennfeld.models.simulink.flattening.atoms import SHOWING
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 _WIDEST = 10_000  # elements of a port from outside, each of them an input
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.blocktypes.tables import Method, axis_of, looked_up, method_of, numbered, shape_of
-from kennfeld.models.simulink.named import named
-from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import Bus, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Bus, Signal, Wired
+from kennfeld.models.simulink.variables.scopes import Array
+from kennfeld.models.simulink.weaving.named import named
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 from kennfeld.parameters import Axis
 
 _MOST_POINTS = 2000  # that are compared with the input one by one

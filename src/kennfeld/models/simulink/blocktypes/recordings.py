@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.blocktypes.tables import Method, fixed_curve
-from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import CONTINUOUS, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import CONTINUOUS, Signal, Wired
+from kennfeld.models.simulink.variables.scopes import Array
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 _MOST_STEPS = 2000  # of a signal that jumps; each takes a comparison
 _BIND = "Bind it to a channel of the measurement, which takes its place."

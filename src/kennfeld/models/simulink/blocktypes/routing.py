@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import towards_zero
 from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.site import Site
-from kennfeld.models.simulink.wires import member_names
+from kennfeld.models.simulink.expressions.arrays import towards_zero
+from kennfeld.models.simulink.expressions.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
+from kennfeld.models.simulink.flattening.wires import member_names
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 _LONGEST_PICK = 10_000
 _MOST_COMPARISONS = 100_000

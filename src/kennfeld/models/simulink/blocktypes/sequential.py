@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import is_triggered
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.flattening.atoms import is_triggered
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
+from kennfeld.models.simulink.weaving.site import Site
 
 _MOST_ROWS = 1024
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import Atom
-from kennfeld.models.simulink.blocktypes.registry import KINDS, UnsupportedError, block
-from kennfeld.models.simulink.expressions import Expressions
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.expressions import Expressions
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Signal, Wired
+from kennfeld.models.simulink.flattening.atoms import Atom
+from kennfeld.models.simulink.weaving.registry import KINDS, UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 
 
 @block("Constant", Value="1", SampleTime="inf", VectorParams1D="on")

@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.arrays import fold
-from kennfeld.models.simulink.scopes import Array
+from kennfeld.models.simulink.expressions.arrays import fold
+from kennfeld.models.simulink.variables.scopes import Array
 
 __all__ = ["nodes_needed", "spline"]
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
-from kennfeld.models.simulink.signals import Signal, Wired
-from kennfeld.models.simulink.site import Site, resized
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site, resized
 
 
 @block("DataStoreMemory", needs=lambda site: (), DataStoreName="A", InitialValue="0", Dimensions="-1")

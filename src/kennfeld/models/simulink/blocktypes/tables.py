@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.errors import ArgumentError
-from kennfeld.models.simulink.blocktypes.registry import UnsupportedError, block
 from kennfeld.models.simulink.blocktypes.splines import nodes_needed, spline
-from kennfeld.models.simulink.named import Named, given_table, named, named_text
-from kennfeld.models.simulink.scopes import Array, Variable
-from kennfeld.models.simulink.signals import Signal, Wired, fastest
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.variables.scopes import Array, Variable
+from kennfeld.models.simulink.weaving.named import Named, given_table, named, named_text
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.weaving.site import Site
 from kennfeld.parameters import Axis, Parameter
 
 _LINEAR = (

@@ -3,7 +3,7 @@
 import re
 from typing import NamedTuple
 
-from kennfeld.models.simulink.atoms import Atom, Source
+from kennfeld.models.simulink.flattening.atoms import Atom, Source
 
 __all__ = ["Word", "word_of"]
 

@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.arrays import fold
 from kennfeld.models.simulink.code.calls import Calls
 from kennfeld.models.simulink.code.conditions import either, known, negated
 from kennfeld.models.simulink.code.desk import Desk
@@ -30,8 +29,9 @@ from kennfeld.models.simulink.code.values import (
     array_of,
     resolved,
 )
-from kennfeld.models.simulink.signals import Nodes
-from kennfeld.models.simulink.struct_parts import way_of
+from kennfeld.models.simulink.expressions.arrays import fold
+from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.expressions.struct_parts import way_of
 
 __all__ = ["GLOBAL", "Body", "Frame"]
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.conditions import both, either
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.fixed import fixed_result
@@ -35,9 +34,10 @@ from kennfeld.models.simulink.code.values import (
     said,
     truths,
 )
-from kennfeld.models.simulink.elementary import BINARY
-from kennfeld.models.simulink.signals import Nodes
-from kennfeld.models.simulink.struct_parts import way_of
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.elementary import BINARY
+from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.expressions.struct_parts import way_of
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.body import Body

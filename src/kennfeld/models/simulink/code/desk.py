@@ -11,8 +11,8 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.values import Held
-from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.variables.scopes import Array
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.body import Body

@@ -11,8 +11,8 @@ from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.enumerations import beside, is_class
-from kennfeld.models.simulink.scopes import Variable
+from kennfeld.models.simulink.variables.enumerations import beside, is_class
+from kennfeld.models.simulink.variables.scopes import Variable
 
 __all__ = ["FunctionFiles"]
 

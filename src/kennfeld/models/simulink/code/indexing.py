@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.values import (
     EMPTY,
@@ -20,7 +19,8 @@ from kennfeld.models.simulink.code.values import (
     said,
     truths,
 )
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls

@@ -7,7 +7,6 @@ from typing import TypeVar
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.conditions import assumed, both, either, known, negated
 from kennfeld.models.simulink.code.values import (
     Cells,
@@ -21,7 +20,8 @@ from kennfeld.models.simulink.code.values import (
     resolved,
     truths,
 )
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 __all__ = ["State", "joined"]
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.conditions import known
 from kennfeld.models.simulink.code.desk import MOST_PASSES
 from kennfeld.models.simulink.code.errors import CodeError, EndedError
 from kennfeld.models.simulink.code.joining import State, joined
 from kennfeld.models.simulink.code.limits import most_of
 from kennfeld.models.simulink.code.values import Truths, constants
+from kennfeld.models.simulink.expressions.arrays import each
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.body import Body

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.functions.elementwise import EACH_ALONE
 from kennfeld.models.simulink.code.values import Held, Truths, array_of, truths
+from kennfeld.models.simulink.expressions.arrays import each
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls

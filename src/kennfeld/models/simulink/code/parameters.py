@@ -8,10 +8,10 @@ from kennfeld.errors import InputError
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.values import Cells, Held, Later, Members, Struct
-from kennfeld.models.simulink.expressions import Expressions
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.scopes import Coded, Masked, Scope, Variable
-from kennfeld.models.simulink.struct_parts import way_of
+from kennfeld.models.simulink.expressions.expressions import Expressions
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.struct_parts import way_of
+from kennfeld.models.simulink.variables.scopes import Coded, Masked, Scope, Variable
 
 __all__ = ["parameter", "parameter_number"]
 

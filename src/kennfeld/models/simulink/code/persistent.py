@@ -18,7 +18,7 @@ from kennfeld.models.simulink.code.desk import Desk
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.joining import State
 from kennfeld.models.simulink.code.values import Held, Partial, Unclear, leaves, rebuilt
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 __all__ = ["Key", "Memories", "Memory", "Scout", "declares", "later", "memories"]
 

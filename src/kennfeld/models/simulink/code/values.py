@@ -12,7 +12,7 @@ import numpy as np
 from kennfeld.graph import Builder
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 __all__ = [
     "EMPTY",

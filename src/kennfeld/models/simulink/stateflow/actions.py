@@ -7,7 +7,7 @@ from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression, parse_script
 from kennfeld.models.simulink.stateflow.clanguage import CError, c_expression, c_statements
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 __all__ = ["Language", "calls_in", "names_in", "within"]
 

@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from kennfeld.models.simulink.atoms import Atom
-from kennfeld.models.simulink.ports import port_number
-from kennfeld.models.simulink.signals import Nodes, Wired
-from kennfeld.models.simulink.site import Site
+from kennfeld.models.simulink.expressions.signals import Nodes, Wired
+from kennfeld.models.simulink.files.ports import port_number
+from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.stateflow.diagram import Event
 from kennfeld.models.simulink.stateflow.execution import Machine
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.site import Site
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 __all__ = ["Calls", "port_names"]
 

@@ -8,7 +8,7 @@ from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import State
 from kennfeld.models.simulink.stateflow.guards import Guard
 from kennfeld.models.simulink.stateflow.timers import SECONDS, unit_of
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.chart import Chart, ChartData, ChartEvent, ChartState, Transition
+from kennfeld.models.simulink.files.chart import Chart, ChartData, ChartEvent, ChartState, Transition
 from kennfeld.models.simulink.stateflow.actions import Language
 from kennfeld.models.simulink.stateflow.labels import state_label, transition_label, without_comments
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 __all__ = ["Action", "Arrow", "Data", "Diagram", "Event", "Function", "Knot", "State"]
 

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
-from kennfeld.models.simulink.expressions import Expressions
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.expressions import Expressions
+from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.stateflow.activity import Activity
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.counting import Counting
@@ -19,7 +18,8 @@ from kennfeld.models.simulink.stateflow.timers import Timers
 from kennfeld.models.simulink.stateflow.transitions import Transitions
 from kennfeld.models.simulink.stateflow.values import Values
 from kennfeld.models.simulink.stateflow.variables import Variables
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.variables.scopes import Scope
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 __all__ = ["Machine"]
 

@@ -11,7 +11,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Arrow, Knot, State
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine

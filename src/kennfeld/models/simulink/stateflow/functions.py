@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 from kennfeld.errors import InputError
 from kennfeld.matlab.parser import parse_script
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Function
 from kennfeld.models.simulink.stateflow.guards import Guard
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine

@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 __all__ = ["Guard", "Logic"]
 

@@ -3,12 +3,12 @@
 from typing import TYPE_CHECKING
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, State
 from kennfeld.models.simulink.stateflow.guards import Guard
 from kennfeld.models.simulink.stateflow.timers import SECONDS, TEMPORAL, TICKS, unit_of
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.stateflow.actions import calls_in
 from kennfeld.models.simulink.stateflow.diagram import Arrow, Diagram, Event, Knot, State
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 __all__ = ["CHANGES", "SECONDS", "TEMPORAL", "TICKS", "Timer", "Timers", "unit_of"]
 

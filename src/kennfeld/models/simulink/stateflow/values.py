@@ -12,11 +12,11 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.arrays import each, fold
-from kennfeld.models.simulink.expressions import Expressions
-from kennfeld.models.simulink.no_value import NoValueError
-from kennfeld.models.simulink.scopes import Scope
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each, fold
+from kennfeld.models.simulink.expressions.expressions import Expressions
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.expressions.struct_parts import way_of
 from kennfeld.models.simulink.stateflow.actions import within
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, State
@@ -24,8 +24,8 @@ from kennfeld.models.simulink.stateflow.elements import Elements
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
 from kennfeld.models.simulink.stateflow.timers import CHANGES, TEMPORAL
 from kennfeld.models.simulink.stateflow.variables import Variables
-from kennfeld.models.simulink.struct_parts import way_of
-from kennfeld.models.simulink.unsupported import UnsupportedError
+from kennfeld.models.simulink.variables.scopes import Scope
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine

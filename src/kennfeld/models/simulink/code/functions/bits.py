@@ -3,10 +3,10 @@
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, constants
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 _BITS = 32
 

@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.arrays import each, towards_zero
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, Truths, constants, truths
-from kennfeld.models.simulink.elementary import ONE, PLAIN, TWO, Rule
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each, towards_zero
+from kennfeld.models.simulink.expressions.elementary import ONE, PLAIN, TWO, Rule
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 _CASTS: Final = (
     "double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "fi", "half",

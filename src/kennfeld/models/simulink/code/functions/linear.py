@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.arrays import each, matrix_product
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.functions.reductions import along, total
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, constants
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each, matrix_product
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, constants
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 _MOST = 64  # elements: the exchanges grow with their square
 

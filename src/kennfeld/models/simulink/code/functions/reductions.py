@@ -6,10 +6,10 @@ from functools import reduce
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, constants, truths
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 _SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
 

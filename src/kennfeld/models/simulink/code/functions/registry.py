@@ -11,8 +11,8 @@ import numpy as np
 
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.values import Held, Later, array_of, resolved
-from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.variables.scopes import Array
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls

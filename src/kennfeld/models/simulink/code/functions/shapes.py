@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, truths
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 _FILLED: Final = {
     "zeros": 0.0, "ones": 1.0, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "true": 1.0,

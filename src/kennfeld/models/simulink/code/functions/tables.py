@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import each
 from kennfeld.models.simulink.code.functions.reductions import along, total
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, constants
-from kennfeld.models.simulink.scopes import Array
-from kennfeld.models.simulink.signals import Nodes
+from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.variables.scopes import Array
 
 _METHODS = {"linear": "linear", "*linear": "linear", "nearest": "nearest", "previous": "previous", "next": "next"}
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from kennfeld.models.simulink.arrays import each, fold
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, leaves, truths
+from kennfeld.models.simulink.expressions.arrays import each, fold
 
 _INTEGERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "integer")
 

@@ -1,0 +1,1 @@
+"""MATLAB expressions over arrays of graph nodes."""

@@ -1,0 +1,83 @@
+"""The operators and functions of MATLAB expressions that the graph can say, by their names."""
+
+from collections.abc import Callable, Mapping
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.expressions.arrays import each, fold, towards_zero
+from kennfeld.models.simulink.expressions.signals import Nodes
+
+__all__ = ["BINARY", "KNOWN", "ONE", "PLAIN", "TWO", "Rule", "applied"]
+
+Rule: TypeAlias = Callable[..., Nodes]
+
+BINARY: Final = {
+    "+": "add", "-": "sub", ".*": "mul", "./": "div", ".^": "pow", "==": "eq", "~=": "ne", "!=": "ne", "<": "lt",
+    "<=": "le", ">": "gt", ">=": "ge", "&": "and", "|": "or", "&&": "and", "||": "or",
+}  # fmt: skip
+PLAIN: Final = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "floor",
+    "ceil", "round", "sign",
+)  # fmt: skip
+_CASTS: Final = (
+    "double", "single", "boolean", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+)  # fmt: skip
+
+
+def applied(loom: Loom, name: str, args: list[Nodes]) -> Nodes | None:
+    """A function of node arrays; None for one that is not known."""
+    if len(args) == 1 and (name in PLAIN or name == "not"):
+        return each(loom, name, *args)
+    rule = _RULES.get(len(args), {}).get(name)
+    if rule is not None:
+        return rule(loom, *args)
+    if name in ("min", "max", "sum", "prod") and len(args) == 1 and 1 in args[0].shape:
+        op = {"sum": "add", "prod": "mul"}.get(name, name)
+        return np.array([[fold(loom, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
+    return args[0] if name in _CASTS and len(args) == 1 else None  # physical values are kept
+
+
+def _remainder(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    """What is left of a after whole steps of b towards 0; a where b is 0, as MATLAB gives not a number there."""
+    whole = towards_zero(loom, each(loom, "div", a, b))
+    return each(loom, "sub", a, each(loom, "mul", whole, b))
+
+
+def _hypotenuse(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    return each(loom, "sqrt", each(loom, "add", each(loom, "mul", a, a), each(loom, "mul", b, b)))
+
+
+def _operation(op: str) -> Rule:
+    return lambda loom, *args: each(loom, op, *args)
+
+
+ONE: Final[Mapping[str, Rule]] = {"fix": towards_zero, "uminus": _operation("neg")}
+TWO: Final[Mapping[str, Rule]] = {
+    "atan2": _operation("atan2"),
+    "mod": _operation("mod"),
+    "power": _operation("pow"),
+    "plus": _operation("add"),
+    "minus": _operation("sub"),
+    "times": _operation("mul"),
+    "rdivide": _operation("div"),
+    "hypot": _hypotenuse,
+    "rem": _remainder,
+}
+_ONE_ELSEWHERE: Final[Mapping[str, Rule]] = {
+    "ln": _operation("log"),
+    "sgn": _operation("sign"),
+    "fabs": _operation("abs"),
+    "square": lambda loom, x: each(loom, "mul", x, x),
+    "reciprocal": lambda loom, x: each(loom, "div", np.array([[loom.const(1.0)]]), x),
+}
+_TWO_ELSEWHERE: Final[Mapping[str, Rule]] = {
+    "pow": _operation("pow"),
+    "fmod": _remainder,
+    "min": _operation("min"),
+    "max": _operation("max"),
+}
+_RULES: Final[Mapping[int, Mapping[str, Rule]]] = {1: {**ONE, **_ONE_ELSEWHERE}, 2: {**TWO, **_TWO_ELSEWHERE}}
+
+KNOWN: Final = frozenset({*PLAIN, "not", *_RULES[1], *_RULES[2], *_CASTS, "sum", "prod"})

@@ -1,0 +1,1 @@
+"""Subsystems dissolved: the blocks of a model in one list, connected."""

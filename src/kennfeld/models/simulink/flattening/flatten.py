@@ -1,0 +1,202 @@
+"""Subsystems dissolved: a flat list of blocks, each knowing where its inputs come from.
+
+Inports, outports, Goto and From blocks and plain subsystems are but wires. A conditional subsystem leaves two things
+behind: a block `Control` that says when it runs, and a block `Held` for each of its outputs.
+"""
+
+from collections.abc import Mapping
+
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.files.bus_ports import element_of, elements
+from kennfeld.models.simulink.files.comments import in_use
+from kennfeld.models.simulink.files.libraries import is_of_simulink
+from kennfeld.models.simulink.files.ports import port_number
+from kennfeld.models.simulink.files.tree import Block, Endpoint, System, joined, split
+from kennfeld.models.simulink.flattening.atoms import Flat
+from kennfeld.models.simulink.flattening.connecting import Connecting
+from kennfeld.models.simulink.flattening.iteration import iterator_of, planned
+from kennfeld.models.simulink.flattening.levels import SPECIAL, Level, tag_of
+from kennfeld.models.simulink.flattening.placed import Placed
+from kennfeld.models.simulink.flattening.repetition import Repetition
+from kennfeld.models.simulink.flattening.variants import active, is_variant, labels_of, member, said, with_choice
+from kennfeld.models.simulink.variables.scopes import Scope
+
+__all__ = ["flatten"]
+
+_NESTED = ("SubSystem", "ModelReference")
+
+
+def flatten(
+    system: System,
+    scope: Scope,
+    cuts: Mapping[str, str],
+    opaque: frozenset[str] = frozenset(),
+    models: Mapping[str, Scope] | None = None,
+    known: frozenset[str] = frozenset(),
+    counts: Mapping[str, int] | None = None,
+) -> Flat:
+    """The blocks of a system and of all below it.
+
+    `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
+    blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
+    `known` are all types of blocks; a link to Simulink's own library of a type that is not among them goes by the name
+    that the block has there. `counts` are the passes that subsystems were found to need, by path.
+    """
+    placed = Placed()
+    system = in_use(system)
+    root = _Placing(placed, cuts, opaque, models or {}, known, counts or {}).level(Level(system, (), scope, None))
+    Connecting(placed).connect()
+    ports = {kind: sorted(system.of(kind), key=port_number) for kind in ("Inport", "Outport")}
+    inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
+    return Flat(placed.atoms, inports, outports, placed.chosen, placed.built)
+
+
+class _Placing:
+    """Places the blocks of systems: those that stay, and the systems below them."""
+
+    def __init__(
+        self,
+        placed: Placed,
+        cuts: Mapping[str, str],
+        opaque: frozenset[str],
+        models: Mapping[str, Scope],
+        known: frozenset[str],
+        counts: Mapping[str, int],
+    ) -> None:
+        self.placed = placed
+        self.cuts = cuts
+        self.opaque = opaque
+        self.models = models
+        self.known = known
+        self.counts = counts
+        self.repetition = Repetition(placed, self._place)
+
+    def level(self, made: Level, parent: Level | None = None, holder: Block | None = None) -> Level:
+        """Place the blocks of a level within another one."""
+        made.within(parent, holder)
+        self.placed.levels.append(made)
+        for block in made.system.blocks:
+            self._place(made, block)
+        return made
+
+    def _place(self, level: Level, block: Block) -> None:
+        path = joined(*level.path, block.name)
+        if path in self.cuts:
+            self.placed.atom(level, block, "Bound")
+        elif is_variant(block):
+            self._variant(level, block)
+        elif level.parent is not None and element_of(block) is not None:
+            self._element(level, block)
+        elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
+            self._enter(level, block, block.system)
+        elif block.type == "Goto":
+            self.placed.gotos.setdefault(tag_of(block), []).append((level, block))
+        elif block.type == "Inport" and level.parent is not None:
+            self._inport(level, block)
+        elif block.type in ("From", "GotoTagVisibility", "InportShadow") or block.type in SPECIAL:
+            pass
+        elif block.type == "Outport" and level.parent is not None:
+            if level.control is not None and level.control.block is level.holder and level.repeated is None:
+                self.placed.atom(level, block, "Held")
+        else:
+            closed = block.type in _NESTED and block.system is not None
+            self.placed.atom(level, block, _kind(block, self.known), why if closed else "")
+
+    def _variant(self, level: Level, block: Block) -> None:
+        """A block of variants: only the active one is left of it."""
+        labels = labels_of(block)
+        scope = level.scope.within(block)
+        try:
+            at = active(block, labels, scope)
+            if block.type == "SubSystem":
+                choice = member(block, at) if at is not None else None
+                self._enter(level, block, with_choice(block, choice))
+                level.below[block.sid].variant = True
+        except NoValueError as error:
+            self.placed.atom(level, block, block.type, f"a block of variants, and {error}").undefined = error.undefined
+            return
+        if block.type != "SubSystem":
+            self._passed(level, block, at)
+        self.placed.chosen.append(f"{joined(*level.path, block.name)}: {said(labels, at, scope)}")
+
+    def _passed(self, level: Level, block: Block, at: int | None) -> None:
+        """A variant source or sink that passes on one signal; what reads another one is told."""
+        number = 1 if at is None else at + 1
+        ends = (1, number) if block.type == "VariantSource" else (number, 1)
+        if at is not None:
+            level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
+        self.placed.atom(level, block, "Inactive")
+
+    def _element(self, level: Level, block: Block) -> None:
+        """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
+        why = ""
+        if level.repeated is not None:
+            why = "a bus element of a subsystem that runs several times in a step"
+        elif level.control is not None and level.control.block is level.holder:
+            why = "an output of a conditional subsystem that is made of bus elements"
+        if block.type == "Inport":
+            self.placed.atom(level, block, "BusElement", why if level.repeated is not None else "")
+        elif block is elements(level.system, "Outport", port_number(block))[0]:
+            self.placed.atom(level, block, "BusElements", why)
+
+    def _closed(self, block: Block) -> str:
+        """Why a subsystem is not looked into; empty where it is."""
+        assert block.system is not None
+        chart = block.value("SFBlockType") or "NONE"
+        if chart != "NONE" or block.chart is not None:
+            return f"a {chart if chart != 'NONE' else 'Chart'}"
+        if block.mask is not None and block.mask.type in self.opaque:
+            return block.mask.type
+        return ""
+
+    def _enter(self, level: Level, block: Block, system: System) -> None:
+        system = in_use(system)
+        path = (*level.path, block.name)
+        scope = level.scope.within(block) if block.type == "SubSystem" else self.models.get(block.model, level.scope)
+        iterator = iterator_of(system)
+        try:
+            plan = planned(iterator, block, path, scope, self.counts) if iterator is not None else None
+        except NoValueError as error:
+            why = f"a subsystem that runs several times in a step, and {error}"
+            self.placed.atom(level, block, block.type, why).undefined = error.undefined
+            return
+        special = {SPECIAL[b.type]: b for b in system.of(*SPECIAL)}
+        control = level.control
+        if special:
+            control = self.placed.atom(level, block, "Control")
+            control.special = special
+        made = Level(system, path, scope, control)
+        if plan is None:
+            level.below[block.sid] = self.level(made, level, block)
+        else:
+            made.within(level, block)
+            level.below[block.sid] = made
+            self.repetition.place(level, made, plan)
+
+    def _inport(self, level: Level, block: Block) -> None:
+        """An inport within a subsystem is but a wire, unless each element gets a part of the signal."""
+        plan = level.repeated
+        number = port_number(block)
+        on = plan.block.listed("InputPartition") if plan is not None else ()
+        if plan is None or not plan.each or (number <= len(on) and on[number - 1] == "off"):
+            return
+        assert level.parent is not None
+        assert level.holder is not None
+        found = self.placed.atom(level, block, "Part")
+        found.special = {"each": plan.block}
+        self.placed.joints.append((found, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
+
+
+def _kind(block: Block, known: frozenset[str]) -> str:
+    if block.chart is not None and block.chart.kind == "Chart":
+        return "Chart"
+    if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
+        return "MATLAB Function"
+    if block.type == "Reference" and block.reference is not None:
+        link = block.reference
+        last = (split(link.source) or ("",))[-1]
+        by_name = link.type not in known and is_of_simulink(link.source) and last in known
+        return last if by_name else f"{link.type or link.source}"
+    if block.type == "SubSystem" and block.mask is not None and block.mask.type:
+        return block.mask.type
+    return block.type

@@ -1,0 +1,243 @@
+"""Data dictionaries (`.sldd`): a zip whose `data/chunk*.xml` state the variables of a design, or the same as text.
+
+The format is not published; what is read here is what dictionaries of R2014a and later hold. Matrices are written
+column by column, in the text format row by row.
+"""
+
+import binascii
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from kennfeld.arrays import readonly
+from kennfeld.errors import InputError
+from kennfeld.matlab.tree import DamageError
+from kennfeld.models.simulink.files.package import Package, is_zip, zip_package
+from kennfeld.models.simulink.files.section import Section
+from kennfeld.models.simulink.files.settings import solver_from
+from kennfeld.models.simulink.files.tree import Solver
+from kennfeld.models.simulink.files.trouble import Trouble
+from kennfeld.models.simulink.variables.data import Data, Entry, Value, entry_of
+from kennfeld.models.simulink.variables.enumerations import enumerals
+from kennfeld.models.simulink.variables.text_dictionary import is_text_dictionary, text_chunks
+from kennfeld.models.simulink.variables.workspace import mxarray_value
+
+__all__ = ["Dictionary", "read_dictionary"]
+
+_NUMBERS = {"double", "single", "logical", "boolean", "bool"} | {
+    f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)
+}
+_TEXTS = {"char", "string"}
+_NOT_DATA = ("Simulink.ConfigSet", "Simulink.ConfigSetRef", "Simulink.VariantConfigurationData")
+_TRUTH = {"true": "1", "false": "0"}
+_DEEPEST = 50
+_LARGEST = 1_000_000_000  # values along one dimension
+_MEND = "Data dictionaries end in .sldd."
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """A data dictionary.
+
+    `references` are the names of further dictionaries whose entries belong to it; `solvers` are the configurations
+    kept in it, by name; `types` are the names of its enumerated types, buses and aliases, `enumerations` the members of
+    those that are enumerated, by name.
+    """
+
+    path: Path
+    data: Data = field(default_factory=Data)
+    references: tuple[str, ...] = ()
+    solvers: Mapping[str, Solver] = field(default_factory=dict)
+    types: tuple[str, ...] = ()
+    enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+_ENUMERATION = "Simulink.data.dictionary.EnumTypeDefinition"
+_TYPE_CLASSES = frozenset(
+    {
+        "Simulink.AliasType",
+        "Simulink.Bus",
+        "Simulink.NumericType",
+        "Simulink.ValueType",
+        _ENUMERATION,
+    }
+)
+
+
+class _Unreadable(Exception):  # noqa: N818 - says of one entry why it is left aside
+    pass
+
+
+def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
+    """The variables of a `.sldd` file and, with `follow`, of the dictionaries beside it that it refers to.
+
+    An entry of the file itself wins over one of the same name further down. What cannot be decoded is told by name in
+    `data.unreadable`, a reference without a file among it. Raises `InputError` where a file is no dictionary.
+    """
+    path = Path(path)
+    read = _one(path)
+    if not follow:
+        return read
+    seen, waiting = {path.resolve()}, [(path.parent, name) for name in read.references]
+    entries, unreadable, solvers = dict(read.data.entries), dict(read.data.unreadable), dict(read.solvers)
+    types, enumerations = dict.fromkeys(read.types), dict(read.enumerations)
+    while waiting:
+        folder, name = waiting.pop(0)
+        file = folder / name
+        if Path(name).name != name or not file.is_file():
+            unreadable.setdefault(name, "this dictionary, which the other refers to, is not beside it")
+            continue
+        if file.resolve() in seen:
+            continue
+        seen.add(file.resolve())
+        further = _one(file)
+        entries = {**further.data.entries, **entries}
+        unreadable = {**further.data.unreadable, **unreadable}
+        solvers = {**further.solvers, **solvers}
+        types |= dict.fromkeys(further.types)
+        enumerations = {**further.enumerations, **enumerations}
+        waiting += [(file.parent, reference) for reference in further.references]
+    data = Data(entries, unreadable)
+    return replace(read, data=data, solvers=solvers, types=tuple(types), enumerations=enumerations)
+
+
+def _one(path: Path) -> Dictionary:
+    trouble = Trouble(path.name)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
+    if not is_zip(raw):
+        if is_text_dictionary(raw):
+            roots = text_chunks(raw, trouble)
+            trouble.settle()
+            return _dictionary(path, roots)
+        raise InputError.of(path.name, "is no data dictionary", _MEND)
+    package = zip_package(raw, trouble)
+    chunks = sorted(name for name in package.names() if name.startswith("data/chunk") and name.endswith(".xml"))
+    if not chunks and not trouble.errors:
+        trouble.error("", "is no data dictionary: it has no part data/chunk0.xml", _MEND)
+    read = [_chunk(package, name) for name in chunks]
+    trouble.settle()
+    return _dictionary(path, [root for root in read if root is not None])
+
+
+def _chunk(package: Package, name: str) -> Section | None:
+    return package.section(name, fold=False)
+
+
+def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
+    entries: dict[str, Entry] = {}
+    unreadable: dict[str, str] = {}
+    references: list[str] = []
+    solvers: dict[str, Solver] = {}
+    types: list[str] = []
+    enumerations: dict[str, Mapping[str, float]] = {}
+    for thing in (part for root in roots for part in root.all("Object")):
+        kind, said = thing.keys.get("Class", ""), _properties(thing)
+        if kind == "DD.DICTIONARYREFERENCE":
+            references += [said[key].text for key in ("Subdictionary", "Name") if key in said][:1]
+        if kind != "DD.ENTRY" or "Value" not in said:
+            continue
+        name, given = _stated(said, "Name"), said["Value"]
+        classes = _classes(given)
+        if any(found in _NOT_DATA for found in classes):
+            solvers[name] = solver_from(given)
+        elif any(found in _TYPE_CLASSES for found in classes):
+            types.append(name)
+            if _ENUMERATION in classes:
+                enumerations[name] = enumerals(given)
+        else:
+            _add(name, given, entries, unreadable)
+    return Dictionary(path, Data(entries, unreadable), tuple(references), solvers, tuple(types), enumerations)
+
+
+def _add(name: str, given: Section, entries: dict[str, Entry], unreadable: dict[str, str]) -> None:
+    try:
+        value = _value(given)
+    except _Unreadable as why:
+        unreadable[name] = str(why)
+        return
+    if isinstance(value, Entry):
+        entries[name] = replace(value, name=name)
+    else:
+        word = "char" if isinstance(value, str) else "cell" if isinstance(value, tuple) else "struct"
+        entries[name] = Entry(name, value, given.keys.get("Class") or word)
+
+
+def _properties(section: Section) -> dict[str, Section]:
+    return {part.keys["Name"]: part for part in section.all("P") if "Name" in part.keys}
+
+
+def _stated(said: Mapping[str, Section], key: str) -> str:
+    return said[key].text if key in said else ""
+
+
+def _classes(value: Section) -> list[str]:
+    """The class of a value, written at it or at what it holds."""
+    return [part.keys.get("Class", "") for part in (value, *value.all("Element"))]
+
+
+def _value(section: Section, depth: int = 0) -> Value:
+    """The value of a property or an element of an array."""
+    kind = section.keys.get("Class", "")
+    if depth > _DEEPEST:
+        raise _Unreadable(f"it is more than {_DEEPEST} levels deep")
+    if section.keys.get("Encoding"):
+        return _encoded(section)
+    if kind in _NUMBERS:
+        return _numbers(section)
+    if kind in _TEXTS:
+        return section.text
+    if kind == "cell":
+        return tuple(_value(part, depth + 1) for part in section.all("Element"))
+    if kind == "struct":
+        return _several(tuple(_struct(part, depth) for part in section.all("Element")), section)
+    inner = tuple(_value(part, depth + 1) for part in section.all("Element"))
+    if not kind and not inner and not section.text.strip():
+        return None
+    if inner:
+        return _several(inner, section)
+    if section.first("P") is not None:
+        return entry_of("", kind, _struct(section, depth)) if kind else _struct(section, depth)
+    if "." in kind:
+        # an enumeration says the name of its member, an object of which all is default says nothing
+        return section.text.strip() or entry_of("", kind, {})
+    raise _Unreadable(f"it is of the unknown class {kind[:60] or 'none'}")
+
+
+def _struct(section: Section, depth: int) -> dict[str, Value]:
+    return {name: _value(part, depth + 1) for name, part in _properties(section).items()}
+
+
+def _several(values: tuple[Value, ...], section: Section) -> Value:
+    """One value by itself, several as a tuple."""
+    return values[0] if len(values) == 1 and section.keys.get("Dimension", "1*1") == "1*1" else values
+
+
+def _numbers(section: Section) -> Value:
+    """An array in the order of the file, which is column by column."""
+    if section.keys.get("IsComplex") in ("1", "true") or "i" in section.text.replace("Inf", "").replace("inf", ""):
+        raise _Unreadable("it is complex")
+    written = section.text.split()
+    try:
+        values = np.array([float(_TRUTH.get(number, number)) for number in written])
+        shape = tuple(int(n) for n in section.keys["Dimension"].split("*")) if "Dimension" in section.keys else None
+    except ValueError:
+        raise _Unreadable(f"its numbers cannot be read: {section.text.strip()[:40]}") from None
+    shape = shape or ((1, 1) if values.size == 1 else (min(values.size, 1), values.size))
+    if len(shape) > 30 or min(shape) < 0 or max(shape) > _LARGEST or values.size != int(np.prod(shape, dtype=float)):
+        raise _Unreadable(f"it has {values.size} numbers for the size {section.keys.get('Dimension', '')[:40]}")
+    return readonly(values.reshape(shape, order="F"))
+
+
+def _encoded(section: Section) -> Value:
+    """A value that has no text: the bytes of an array."""
+    try:
+        return mxarray_value(binascii.unhexlify("".join(section.text.split())))
+    except (binascii.Error, ValueError):
+        raise _Unreadable("its bytes cannot be decoded") from None
+    except DamageError as error:
+        raise _Unreadable(f"its bytes cannot be decoded: {error}") from None

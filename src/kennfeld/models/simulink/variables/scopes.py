@@ -1,0 +1,178 @@
+"""What a name means in a block's parameters: masks from the inside out, then the variables of the model."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import read_script
+from kennfeld.matlab.printing import printed
+from kennfeld.models.simulink.files.tree import Block
+from kennfeld.parameters import Axis
+
+__all__ = ["Array", "Coded", "Masked", "Scope", "Value", "Variable", "plain", "written_names"]
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A variable of the model: its value, and what its source says of it.
+
+    `source` names that source; `axes` are those that a calibration file gives a table. What is `fixed`, such as the
+    members of an enumeration, is no parameter.
+    """
+
+    value: Value
+    lower: float = -np.inf
+    upper: float = np.inf
+    unit: str = ""
+    description: str = ""
+    source: str = ""
+    axes: tuple[Axis, ...] = ()
+    fixed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Masked:
+    """A mask's parameter: an expression over the names outside of the mask, or the text itself.
+
+    `field` is "Path:Name", how the literal is promoted; `written` is what the dialog shows.
+    """
+
+    text: str
+    outside: "Scope"
+    evaluated: bool = True
+    field: str = ""
+    written: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Coded:
+    """A variable that a mask's code makes in a way that no single expression says."""
+
+    name: str
+    code: str
+    outside: "Scope"
+
+
+@dataclass(eq=False)
+class Scope:
+    """The names that the blocks of one system see."""
+
+    variables: Mapping[str, Variable]
+    masked: "dict[str, Masked | Coded]" = field(default_factory=dict)
+    outer: "Scope | None" = None
+
+    def within(self, block: Block) -> "Scope":
+        """The names inside of a subsystem."""
+        if block.mask is None or not (block.mask.parameters or block.mask.initialization.strip()):
+            return self
+        inside = Scope(self.variables, {}, self)
+        for one in block.mask.parameters:
+            field = f"{block.path}:{one.name}"
+            inside.masked[one.name] = Masked(one.meaning, self, one.evaluated, field, one.expression)
+        return _coded(inside, block.mask.initialization)
+
+    def shown(self) -> dict[str, str]:
+        """What the dialogs of the masks around show, by the names of their parameters; the inner ones win."""
+        found: dict[str, str] = {}
+        here: Scope | None = self
+        while here is not None:
+            said = {name: one.written for name, one in here.masked.items() if isinstance(one, Masked) and one.field}
+            found, here = {**said, **found}, here.outer
+        return found
+
+    def find(self, name: str) -> "Masked | Coded | Variable | None":
+        """What a name means here."""
+        here: Scope | None = self
+        while here is not None:
+            if name in here.masked:
+                return here.masked[name]
+            here = here.outer
+        return self.variables.get(name)
+
+    def part(self, way: Sequence[str]) -> Variable | None:
+        """The part of a struct that a calibration file gives a value by its full name, "Control.Gain"."""
+        return self.variables.get(".".join(way)) if len(way) > 1 else None
+
+
+def _coded(scope: Scope, code: str) -> Scope:
+    """The names after a mask's code has run: plain assignments stay expressions, one layer each."""
+    if not code.strip():
+        return scope
+    script, _ = read_script(code)
+    simple = all(isinstance(one, (m.Assign, m.Command, m.Evaluate)) for one in script.statements)
+    for statement in script.statements if simple else ():
+        if isinstance(statement, m.Assign):
+            scope = _assigned(scope, statement, code)
+    if not simple:
+        made = {name for one in script.statements for name in assigned_names(one)}
+        scope = Scope(scope.variables, {name: Coded(name, code, scope) for name in made}, scope)
+    return scope
+
+
+def _assigned(scope: Scope, statement: m.Assign, code: str) -> Scope:
+    """The names after one assignment: an expression over those before, else what the code makes."""
+    target = statement.targets[0] if len(statement.targets) == 1 else None
+    if isinstance(target, m.Name):
+        return Scope(scope.variables, {target.name: Masked(printed(statement.value), scope)}, scope)
+    return Scope(scope.variables, {name: Coded(name, code, scope) for name in assigned_names(statement)}, scope)
+
+
+def assigned_names(statement: m.Statement) -> frozenset[str]:
+    """The variables that a statement gives values to."""
+    match statement:
+        case m.Assign(targets):
+            return frozenset(name for target in targets if (name := _base(target)))
+        case m.For(target, _, body):
+            return frozenset({_base(target)}).union(*map(assigned_names, body))
+        case m.While(_, body):
+            return frozenset().union(*map(assigned_names, body))
+        case m.If(branches, otherwise) | m.Switch(_, branches, otherwise):
+            bodies = [*(one for branch in branches for one in branch.body), *otherwise]
+            return frozenset().union(*map(assigned_names, bodies))
+    return frozenset()
+
+
+def written_names(code: str) -> frozenset[str]:
+    """The variables that a text of functions gives values to."""
+    script, _ = read_script(code)
+    bodies = [one.body for one in script.functions]
+    return frozenset(name for body in bodies for statement in body for name in assigned_names(statement))
+
+
+def _base(target: m.Expression | None) -> str:
+    while isinstance(target, (m.Field, m.Call, m.CellIndex)):
+        target = target.of
+    return target.name if isinstance(target, m.Name) else ""
+
+
+def plain(value: Any) -> Value | None:
+    """A value in the few forms that models use: arrays of float64, texts, structs, tuples; None for others.
+
+    >>> plain(3), plain({"a": [1, 2]})
+    (array([3.]), {'a': array([1., 2.])})
+    """
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        parts = {str(key): plain(part) for key, part in value.items()}
+        return {key: part for key, part in parts.items() if part is not None}
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return _several(value)
+    return np.atleast_1d(array)
+
+
+def _several(value: Any) -> Value | None:
+    if not isinstance(value, (tuple, list)):
+        return None
+    parts = [plain(part) for part in value]
+    known = tuple(part for part in parts if part is not None)
+    return known if len(known) == len(parts) else None

@@ -1,0 +1,163 @@
+"""The variables of a model: from its dictionary, from files and values given, from its own workspace."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from kennfeld.errors import Finding, InputError
+from kennfeld.models.simulink.files.tree import Document
+from kennfeld.models.simulink.variables.data import Data, Entry
+from kennfeld.models.simulink.variables.data import Value as Stored
+from kennfeld.models.simulink.variables.dictionary import read_dictionary
+from kennfeld.models.simulink.variables.enumerations import beside, variable_of
+from kennfeld.models.simulink.variables.found import Variables
+from kennfeld.models.simulink.variables.scopes import Value, Variable, plain
+from kennfeld.models.simulink.variables.scripts import run, run_text
+from kennfeld.models.simulink.variables.workspace import mat_variables, workspace_variables
+from kennfeld.parameters import Parameter, ParameterSet
+
+__all__ = ["Given", "Variables", "variables_of"]
+
+Given: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
+
+
+def variables_of(document: Document, given: Iterable[Given]) -> Variables:
+    """The variables that a model's expressions may use.
+
+    Enumerations that blocks name and whose class files lie beside the model come first, then data dictionaries, then
+    the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides
+    them; values of calibration files and parameter sets go over all. Findings tell what could not be read.
+    """
+    found = Variables()
+    for name in document.enumerations:
+        enumeration = beside(document.path.parent, name)
+        found.update({name: enumeration} if enumeration is not None else {})
+    for name in document.dictionaries:
+        _dictionary(found, document.path.parent / name)
+    over: list[ParameterSet] = []
+    _callbacks(found, document)
+    for one in given:
+        if isinstance(one, ParameterSet):
+            over.append(one)
+        elif isinstance(one, Mapping):
+            found.update({name: Variable(value, source="given") for name, value in _plain(one).items()})
+        else:
+            over += _file(found, Path(one))
+    _workspace(found, document)
+    for values in over:
+        for parameter in values.values():
+            found[parameter.name] = _with(found.get(parameter.name), parameter)
+    return found
+
+
+def _plain(given: Mapping[str, object]) -> dict[str, Value]:
+    values = {name: plain(value) for name, value in given.items()}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _file(found: Variables, path: Path) -> list[ParameterSet]:
+    """Take the variables of a file; a calibration file's values are returned."""
+    ending = path.suffix.casefold()
+    if ending == ".sldd":
+        _dictionary(found, path)
+    elif ending == ".mat":
+        _add(found, mat_variables(_bytes(path)), path.name)
+    elif ending == ".m":
+        run(found, path)
+    else:
+        from kennfeld.calfiles import read
+
+        return [read(path)]
+    return []
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
+
+
+def _dictionary(found: Variables, path: Path) -> None:
+    try:
+        read = read_dictionary(path)
+        _add(found, read.data, path.name)
+        found.solvers.update(read.solvers)
+        found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
+    except InputError as error:
+        found.findings += error.findings
+
+
+_CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
+
+
+def _callbacks(found: Variables, document: Document) -> None:
+    for name in _CALLBACKS:
+        if name in document.callbacks:
+            run_text(found, document.callbacks[name], f"{document.name} {name}", document.path.parent)
+
+
+def _workspace(found: Variables, document: Document) -> None:
+    kind = document.workspace.kind
+    if kind == "m-code":
+        run_text(found, document.workspace.text, "model workspace", document.path.parent)
+    elif kind == "file":
+        path = document.path.parent / Path(document.workspace.text).name
+        if path.is_file():
+            _file(found, path)
+        else:
+            found.findings.append(Finding(document.name, f"its workspace is in {path.name}, which is not there"))
+    else:
+        _add(found, workspace_variables(document.workspace), "model workspace")
+
+
+def _add(found: Variables, data: Data, source: str) -> None:
+    for name, entry in data.entries.items():
+        variable = _variable(entry, source)
+        if variable is not None:
+            found[name] = variable
+    for name, why in data.unreadable.items():
+        place = f"{source} {name}".strip()
+        found.findings.append(Finding(place, why, severity="warning"))
+
+
+def _variable(entry: Entry, source: str) -> Variable | None:
+    condition = entry.properties.get("Condition")
+    if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
+        return Variable({"Condition": condition}, source=source)
+    value = _value(entry)
+    if value is None:
+        return None
+    lower = -np.inf if entry.minimum is None else entry.minimum
+    upper = np.inf if entry.maximum is None else entry.maximum
+    return Variable(value, lower, upper, entry.unit, entry.description, source)
+
+
+def _value(stored: Stored) -> Value | None:
+    if isinstance(stored, Entry):
+        if stored.breakpoints:
+            parts = {f"Breakpoints{i + 1}": _value(one) for i, one in enumerate(stored.breakpoints)}
+            parts = {"Table": _value(stored.value), **parts}
+            return {name: part for name, part in parts.items() if part is not None}
+        return _value(stored.value)
+    if isinstance(stored, Mapping):
+        parts = {name: _value(part) for name, part in stored.items()}
+        return {name: part for name, part in parts.items() if part is not None}
+    if isinstance(stored, tuple):
+        several = tuple(_value(part) for part in stored)
+        if len(several) == 1:
+            return several[0]
+        return tuple(part for part in several if part is not None)
+    return plain(stored) if stored is not None else None
+
+
+def _with(known: Variable | None, parameter: Parameter) -> Variable:
+    """A variable with the value of a parameter; what is known of it stays."""
+    unit = parameter.unit or (known.unit if known is not None else "")
+    value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
+    if known is not None and isinstance(known.value, np.ndarray) and known.value.size == value.size:
+        value = value.reshape(known.value.shape)
+    limits = (known.lower, known.upper) if known is not None else (-np.inf, np.inf)
+    return Variable(np.atleast_1d(value), *limits, unit, parameter.description, "a calibration file", axes)

@@ -1,0 +1,1 @@
+"""Blocks to graph: their order, sample times, conditions and memories."""

@@ -1,0 +1,88 @@
+"""Arrays that are a parameter as a whole: the variable behind a table's field, or the field itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.errors import InputError
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.parser import parse_expression
+from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.expressions.struct_parts import part_of, way_of
+from kennfeld.models.simulink.variables.scopes import Array, Masked, Scope, Variable
+from kennfeld.models.simulink.weaving.site import Site
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
+
+__all__ = ["Named", "given_table", "named", "named_text"]
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """The numbers of a field, and the name that they go by: that of a variable, or "Path:Field" of a literal."""
+
+    name: str
+    values: Array
+    variable: Variable
+    is_variable: bool
+
+
+def named(site: Site, field: str) -> Named:
+    """What a field holds. Where it is but a variable, through masks or within structs, that gives the name."""
+    text = site.text(field)
+    values = site.numbers(field)
+    found = _variable(text, site.atom.scope)
+    if found is None:
+        return Named(f"{site.atom.path}:{field}", values, Variable(values, source="a literal of the block"), False)
+    name, variable = found
+    return Named(name, values, variable, True)
+
+
+def named_text(site: Site, text: str) -> Named:
+    """What an expression holds that is nothing but a variable, as `named` says it."""
+    found = _variable(text, site.atom.scope)
+    if found is None or not isinstance(found[1].value, np.ndarray):
+        raise UnsupportedError(f"{text[:80]} is no variable with numbers")
+    return Named(found[0], found[1].value, found[1], True)
+
+
+def given_table(site: Site, text: str) -> Named | None:
+    """The table that a calibration file gives in the place of a table object; None where there is none."""
+    found = _variable(text, site.atom.scope)
+    if found is None or not isinstance(found[1].value, np.ndarray) or not found[1].axes:
+        return None
+    return Named(found[0], found[1].value, found[1], True)
+
+
+def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | None:
+    """The variable that an expression is nothing but, with its name; None where it is more."""
+    try:
+        way = way_of(_bare(parse_expression(text)))
+    except InputError:
+        return None
+    if way is None or deep > 50:
+        return None
+    found = scope.find(way[0])
+    if isinstance(found, Masked):
+        return _variable(".".join([found.text.strip(), *way[1:]]), found.outside, deep + 1) if found.evaluated else None
+    if (part := scope.part(way)) is not None:
+        return ".".join(way), part
+    if not isinstance(found, Variable):
+        return None
+    try:
+        value = part_of(found.value, way)
+    except NoValueError:
+        return None
+    return ".".join(way), found if len(way) == 1 else Variable(value, source=found.source)
+
+
+def _bare(tree: m.Expression) -> m.Expression:
+    """An expression without transposes, casts and `x(:)`, which change no value."""
+    while True:
+        if isinstance(tree, m.Transpose):
+            tree = tree.operand
+        elif isinstance(tree, m.Call) and tree.arguments == (m.Colon(),):
+            tree = tree.of
+        elif isinstance(tree, m.Call) and tree.of in (m.Name("single"), m.Name("double")) and len(tree.arguments) == 1:
+            tree = tree.arguments[0]
+        else:
+            return tree
