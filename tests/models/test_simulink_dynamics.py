@@ -492,13 +492,29 @@ def test_a_vector_triggers_a_subsystem_by_any_of_its_elements(kind, tmp_path):
         assert found[k] == pytest.approx(y, abs=1e-13), k
 
 
-def test_a_vector_triggers_a_subsystem_that_begins_anew_as_well(tmp_path):
+def triggered_and_enabled():
+    """The accumulator, triggered by c where `on` enables it, with states that begin anew when that comes again."""
     drawn = conditional("TriggerPort", TriggerType="rising")
-    next(block.system for block in drawn.blocks if block.name == "Sub").block(
-        "EnablePort", "E", StatesWhenEnabling="reset"
-    )
+    inner = next(block.system for block in drawn.blocks if block.name == "Sub")
+    inner.block("EnablePort", "E", StatesWhenEnabling="reset")
     drawn.inport("on")
     drawn.line("on", "Sub#enable")
+    return drawn
+
+
+def test_states_of_a_triggered_subsystem_are_reset_at_the_first_trigger_that_finds_it_enabled_again(tmp_path):
+    on = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0, 1.0, 1.0], 4)[: len(U)]
+    found = run(imported(triggered_and_enabled(), tmp_path), {"u": U, "c": C, "on": on})["y"]
+    y, z, was, (up, _) = -1.0, 0.0, False, crossings(C)
+    for k, u in enumerate(U):
+        if up[k] and on[k] > 0:
+            y = z = (z if was else 0.0) + u
+        was = on[k] > 0 if up[k] else was
+        assert found[k] == pytest.approx(y, abs=1e-13), k
+
+
+def test_a_vector_triggers_a_subsystem_that_begins_anew_as_well(tmp_path):
+    drawn = triggered_and_enabled()
     next(block for block in drawn.blocks if block.name == "c").parameters["PortDimensions"] = "4"
     assert import_simulink(drawn.write(tmp_path)).report.findings == ()
 

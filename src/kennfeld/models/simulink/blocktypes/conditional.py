@@ -17,27 +17,44 @@ __all__ = ["restart"]
 @block("Control")
 def control(site: Site) -> tuple[Wired, ...]:
     """Whether a conditional subsystem runs, and whether the memories in it begin anew."""
-    special = list(site.atom.special)
-    conditions = [_condition(site, port, site.input(at)) for at, port in enumerate(special) if port != "reset"]
-    active = site.weaver.timing.at_major(site.fold("and", conditions or [site.constant(1.0)]))
+    ports = [port for port in site.atom.special if port != "reset"]
+    conditions = {port: _condition(site, port, site.input(list(site.atom.special).index(port))) for port in ports}
     outer = site.weaver.gates.active(site.atom)
     if outer is not None:
-        active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
-    return active, restart(site, active)
+        conditions["outer"] = Signal(np.array([outer], dtype=np.int64))
+    active = _all(site, list(conditions.values()))
+    if "trigger" not in conditions:
+        return active, restart(site, active)
+    triggered = _all(site, [conditions[port] for port in ("trigger", "outer") if port in conditions])
+    return active, restart(site, active, triggered)
 
 
-def restart(site: Site, active: Signal) -> Signal:
-    """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset."""
+def _all(site: Site, conditions: list[Signal]) -> Signal:
+    return site.weaver.timing.at_major(site.fold("and", conditions or [site.constant(1.0)]))
+
+
+def restart(site: Site, active: Signal, triggered: Signal | None = None) -> Signal:
+    """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset.
+
+    Whether a subsystem with a trigger is enabled is only seen where it is `triggered`.
+    """
     around = site.weaver.gates.restart(site.atom)
     events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
     if resets(site.atom):
-        before = site.weaver.memories.always(site, site.constant(0.0), active)
-        events.append(site.call("and", active, site.call("not", before)))
+        events.append(_enabled_again(site, active, triggered))
     if "reset" in site.atom.special:
         port = site.atom.special["reset"]
         signal = site.input(list(site.atom.special).index("reset"))
         events.append(reset_signal(site, signal, port.value("ResetTriggerType") or "level"))
     return site.fold("or", events) if events else site.constant(0.0)
+
+
+def _enabled_again(site: Site, active: Signal, triggered: Signal | None) -> Signal:
+    """1 where a subsystem runs that was not enabled when that was last seen."""
+    made: list[Signal] = []
+    before = site.weaver.memories.always_later(site, site.constant(0.0), lambda: made[0])
+    made.append(active if triggered is None else site.select(triggered, active, before))
+    return site.call("and", active, site.call("not", before))
 
 
 def _condition(site: Site, port: str, u: Signal) -> Signal:

@@ -15,6 +15,7 @@ __all__ = ["settled"]
 _MOST_PASSES = 500
 _MOST_ASKED = 20_000_000  # operations of all passes
 _UNSETTLED = "the sizes or sample times of the signals that are fed back before it do not settle"
+_MEND = "Give the delays and integrators before it initial values of the size of their signals."
 
 
 def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weaver:
@@ -40,5 +41,5 @@ def settled(make: Callable[[Guesses], Weaver], goals: Collection[Atom]) -> Weave
             return stopped if stopped is not None and len(stopped.failures) <= len(weaver.failures) else weaver
         stopped, guesses.wished = weaver, wishes
         guesses.shapes.update(wishes)
-    weaver.failures.note(next(iter(goals)), _UNSETTLED)
+    weaver.failures.note(next(iter(goals)), _UNSETTLED, _MEND)
     return weaver
