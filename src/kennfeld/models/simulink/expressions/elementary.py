@@ -40,7 +40,7 @@ def applied(loom: Loom, name: str, args: list[Nodes]) -> Nodes | None:
 
 
 def _remainder(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
-    """What is left of a after whole steps of b towards 0; a where b is 0, as MATLAB gives not a number there."""
+    """What is left of a after whole steps of b towards 0; not a number where b is 0."""
     whole = towards_zero(loom, each(loom, "div", a, b))
     return each(loom, "sub", a, each(loom, "mul", whole, b))
 

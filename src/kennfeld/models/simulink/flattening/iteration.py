@@ -54,7 +54,7 @@ def iterator_of(system: System) -> Block | None:
 
 
 def planned(block: Block, holder: Block, names: Sequence[str], scope: Scope, counts: Mapping[str, int]) -> Plan:
-    """The passes of a subsystem by the names along its path, and the names that its blocks see.
+    """The passes of a subsystem, by its iterator. `names` lead to it, `scope` is what its blocks see.
 
     `counts` are the passes that an earlier attempt has found by path. Raises `NoValueError` where their number is not
     known, or too large.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.expressions.arrays import each, towards_zero
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import (
     CONSTANT,
@@ -206,7 +206,7 @@ class Site:
 
     def truncated(self, x: Signal) -> Signal:
         """A signal without what is behind its decimal point."""
-        return self.call("mul", self.call("sign", x), self.call("floor", self.call("abs", x)))
+        return Signal(towards_zero(self.loom, x.nodes), x.period)
 
     def among(self, x: Signal, values: Iterable[float]) -> Signal:
         """1 where a signal is one of several values."""
@@ -220,14 +220,14 @@ class Site:
         """The time since the start in s."""
         return Signal(np.array([self.loom.input("t")], dtype=np.int64), CONTINUOUS)
 
-    def step(self, name: str = "SampleTime") -> Signal:
+    def step(self) -> Signal:
         """The block's own sample time in s: as stated, or as inherited."""
-        period = self.period(name)
+        period = self.period()
         if period in (CONTINUOUS, CONSTANT):
             return Signal(np.array([self.loom.input("dt")], dtype=np.int64), CONTINUOUS)
         return self.constant(period)
 
-    def period(self, name: str = "SampleTime") -> float:
+    def period(self) -> float:
         """The block's own sample time: as stated, or that of its inputs as far as it is known by now."""
         stated = self.weaver.timing.stated_period(self.atom)
         if stated is not None:
