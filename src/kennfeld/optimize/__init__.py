@@ -5,7 +5,8 @@ from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.criterion import Criterion, Region, Target
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Quality, Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.search.saved import Keep, Saved
 from kennfeld.optimize.search.step import Step

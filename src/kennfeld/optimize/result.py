@@ -10,27 +10,14 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph.free_axes import free_axes
+from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
 if TYPE_CHECKING:
     from kennfeld.optimize.trust import Inspection, Trust
 
-__all__ = ["Quality", "Result", "Seconds", "StartResult", "TraceLine"]
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How well one criterion is met on one dataset, in the unit of its target, before and after."""
-
-    criterion: str
-    dataset: str
-    use: str
-    samples: int
-    rmse_before: float
-    rmse_after: float
-    r2_after: float
-    max_abs_after: float
+__all__ = ["Result", "Seconds", "StartResult", "TraceLine"]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from kennfeld.graph.lowering import lower
 from kennfeld.native import Simulator
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.result import Quality
+from kennfeld.optimize.quality import Quality
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Nodes", "Scorer"]
