@@ -3,6 +3,7 @@
 import contextlib
 import random
 import struct
+import tempfile
 import warnings
 
 import numpy as np
@@ -282,6 +283,20 @@ def test_an_unfinalized_file_is_read_to_its_end(mdf):
     path.write_bytes(content)
     assert read(path, ["Speed"]).samples == 201
     assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("damage", [b"##DG", b"##XX"])
+def test_an_unfinalized_file_leaves_no_copy_behind_even_where_it_is_damaged(mdf, tmp_path, monkeypatch, damage):
+    path = mdf(*fast_and_slow())
+    content = bytearray(path.read_bytes().replace(b"##DG", damage))
+    content[:8], content[60:62] = b"UnFinMF ", struct.pack("<H", 1)
+    path.write_bytes(content)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    with contextlib.nullcontext() if damage == b"##DG" else pytest.raises(InputError, match="damaged"):
+        read(path, ["Speed"])
+    assert list(temporary.iterdir()) == []
 
 
 def test_files_without_samples_say_so(mdf):

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
 from io import StringIO
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -98,12 +99,17 @@ def _opened(source: Source) -> Iterator[Any]:
     check_links(source.path)
     # the library's logger speaks of what becomes a finding here
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
-    with warnings.catch_warnings(), redirect_stdout(StringIO()):  # it prints what it stumbles over, too
+    # it copies a file that was not closed properly, and leaves the copy behind where that is damaged, too
+    with (
+        TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder,
+        warnings.catch_warnings(),
+        redirect_stdout(StringIO()),  # it prints what it stumbles over, too
+    ):
         warnings.simplefilter("ignore")
         try:
             from asammdf import MDF
 
-            with MDF(source.path) as file:
+            with MDF(source.path, temporary_folder=folder) as file:
                 file.configure(raise_on_multiple_occurrences=False)
                 _check_layout(source, file)
                 yield file
