@@ -563,6 +563,46 @@ def test_an_if_block_runs_one_of_its_subsystems_and_merge_takes_the_last(tmp_pat
         assert found[k] == pytest.approx(y)
 
 
+def merged_buses(*names):
+    """A bus of two signals, 10 u and u, from where u is above 0, else 100 u and u, each with its own names."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("If", "If", ports=(1, 2), IfExpression="u1 > 0", ShowElse="on")
+    drawn.line("u", "If")
+    drawn.block("Merge", "M", ports=(2, 1), InitialOutput="0")
+    for at, (gain, name) in enumerate(zip(("10", "100"), names, strict=True), 1):
+        inner = drawn.subsystem(f"A{at}")
+        inner.inport("x")
+        inner.block("ActionPort", "P")
+        inner.block("Gain", "G", Gain=gain)
+        inner.block("BusCreator", "B", ports=(2, 1), Inputs="2")
+        inner.outport("y")
+        inner.line("x", "G", "B:2", name="plain")
+        inner.line("G", "B:1", name=name)
+        inner.line("B", "y")
+        drawn.line("u", f"A{at}")
+        drawn.line(f"If:{at}", f"A{at}#ifaction")
+        drawn.line(f"A{at}", f"M:{at}")
+    drawn.block("BusSelector", "S", ports=(1, 2), OutputSignals=f"plain,{names[0]}")
+    drawn.outport("plain")
+    drawn.outport("scaled")
+    drawn.line("M", "S")
+    drawn.line("S:1", "plain")
+    drawn.line("S:2", "scaled")
+    return drawn
+
+
+def test_buses_are_merged_signal_by_signal(tmp_path):
+    found = run(imported(merged_buses("scaled", "scaled"), tmp_path), {"u": U})
+    assert found["plain"] == pytest.approx(U)
+    assert found["scaled"] == pytest.approx(np.where(U > 0, 10 * U, 100 * U))
+
+
+def test_buses_of_other_signals_are_not_merged(tmp_path):
+    report = import_simulink(merged_buses("scaled", "other").write(tmp_path)).report
+    assert [one.why for one in report.unsupported] == ["it merges buses that do not have the same signals"]
+
+
 def test_a_switch_case_chooses_by_whole_numbers(tmp_path):
     drawn = switch_case("{1,[2 -3]}", 11, 22, 33)
     found = run(imported(drawn, tmp_path), {"u": [1.0, 1.9, 2.0, -3.4, 5.0, -2.0]})["y"]

@@ -111,15 +111,25 @@ def merge(site: Site) -> Wired:
     sources = [source for source in site.atom.inputs if source is not None]
     text = site.text("InitialOutput")
     init = site.constant(0.0) if text in ("[]", "") else site.parameter("InitialOutput")
-    merged = [(_runs(site, source), site.weaver.value(source)) for source in sources]
-    signals = [wired.signal if isinstance(wired, OpenBus) else wired for _, wired in merged]
-    if not all(isinstance(signal, Signal) for signal in signals):
-        raise UnsupportedError("it merges buses")
-    first = site.spread(init, *(signal for signal in signals if isinstance(signal, Signal)))[0]
+    return _merged(site, init, [_runs(site, source) for source in sources], [site.weaver.value(s) for s in sources])
+
+
+def _merged(site: Site, init: Signal, running: list[Signal], arriving: list[Wired]) -> Wired:
+    buses = [wired for wired in arriving if isinstance(wired, Bus) and not isinstance(wired, OpenBus)]
+    if not buses:
+        signals = [wired.signal if isinstance(wired, OpenBus) else wired for wired in arriving]
+        return _last(site, init, running, [signal for signal in signals if isinstance(signal, Signal)])
+    names = list(buses[0].members)
+    if len(buses) < len(arriving) or any(list(bus.members) != names for bus in buses):
+        raise UnsupportedError("it merges buses that do not have the same signals")
+    return Bus({name: _merged(site, init, running, [bus.members[name] for bus in buses]) for name in names})
+
+
+def _last(site: Site, init: Signal, running: list[Signal], signals: list[Signal]) -> Signal:
+    """The last of those signals whose subsystem runs, else what was there before."""
     made: list[Signal] = []
-    y = site.weaver.memories.always_later(site, first, lambda: made[0])
-    for (runs, _), signal in zip(merged, signals, strict=True):
-        assert isinstance(signal, Signal)
+    y = site.weaver.memories.always_later(site, site.spread(init, *signals)[0], lambda: made[0])
+    for runs, signal in zip(running, signals, strict=True):
         y = site.select(runs, signal, y)
     made.append(y)
     return y
