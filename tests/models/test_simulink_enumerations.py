@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, zipped
+from simulink_files import LAYOUTS, Model, zipped
 from simulink_runs import alone, imported, run, switch_case
 
 from kennfeld.errors import InputError
@@ -88,6 +88,14 @@ def test_a_class_file_beside_the_model_is_found_where_a_block_names_it(tmp_path)
     class_file(tmp_path)
     drawn = constant("EnumeratedConstant", "Gear.Second", OutDataTypeStr="Enum: Gear")
     assert run(imported(drawn, tmp_path), samples=1)["y1"][0] == 2.0
+
+
+def test_an_enumerated_constant_of_simulinks_library_is_a_member(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.link("C", "simulink/Sources/Enumerated\nConstant", "Enumerated Constant", ports=(0, 1), Value="Gear.Second")
+    drawn.outport("y")
+    drawn.line("C", "y")
+    assert run(imported(drawn, tmp_path, parameters=[script(tmp_path)]), samples=1)["y"][0] == 2.0
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -312,3 +312,12 @@ def test_what_no_setting_makes_possible_counts_as_unsupported_wherever_it_stands
     assert [(one.path, one.why) for one in report.unsupported] == [
         ("Noise", "its signal is recorded or random and not part of the model")
     ]
+
+
+def test_the_blocks_of_a_dashboard_are_passed_over(tmp_path):
+    drawn = alone("Gain", Gain="2")
+    for kind in ("LampBlock", "KnobBlock", "EditField", "LinearGaugeBlock"):
+        drawn.block(kind, kind, ports=(0, 0))
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert report.supported == report.total
+    assert report.whole

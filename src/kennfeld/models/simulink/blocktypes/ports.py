@@ -42,9 +42,17 @@ def bound(site: Site) -> Wired | tuple[Wired, ...]:
     return site.weaver.bound(site.weaver, site.atom)
 
 
+_DASHBOARD = (
+    "CallbackButton", "Checkbox", "CircularGaugeBlock", "ComboBox", "CustomWebBlock", "DashboardScope", "DisplayBlock",
+    "EditField", "KnobBlock", "LampBlock", "LinearGaugeBlock", "MultiStateImageBlock", "PanelWebBlock",
+    "PushButtonBlock", "QuarterGaugeBlock", "RadioButtonGroup", "RockerSwitchBlock", "RotarySwitchBlock",
+    "SemiCircularGaugeBlock", "SliderBlock", "SliderSwitchBlock", "ToggleSwitchBlock",
+)  # fmt: skip
+
+
 @block(
-    "Terminator", "Stop", "Floating Scope", "Assertion", "DocBlock", "Model Info", "DataTypeDuplicate",
-    "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
+    *_DASHBOARD, "SpectrumAnalyzer", "Terminator", "Stop", "Floating Scope", "Assertion", "DocBlock", "Model Info",
+    "DataTypeDuplicate", "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
     needs=lambda site: (), sink=True,
 )  # fmt: skip
 def sink(site: Site) -> Wired:

@@ -16,7 +16,7 @@ def constant(site: Site) -> Wired:
     return Signal(_vector(site, "Value").nodes, CONSTANT)
 
 
-@block("EnumeratedConstant", Value="SlDemoSign.Positive", SampleTime="inf")
+@block("EnumeratedConstant", "Enumerated Constant", Value="SlDemoSign.Positive", SampleTime="inf")
 def enumerated_constant(site: Site) -> Wired:
     """A member of an enumeration: its whole number."""
     return site.parameter("Value")
