@@ -232,6 +232,7 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
         ("y = 0;\nfor k = 1:u\n y = y + k;\nend", r"line 3: .*without a limit.*min\(\.\.\., N\)"),
         ("y = 0;\nfor i = 1:1000\n for k = 1:1000\n  y = y + u;\n end\nend", "unfolds to more than 20000 statements"),
         ("x = zeros(1000, 1000);\ny = u;", "line 2: .*array of 1e\\+06 elements"),
+        ("x = zeros(1e200, 1e200);\ny = u;", "line 2: .*array of inf elements"),
         ("y = f(u, v);", "is not known"),
         ("x = ones(600, 600);\ny = sum(sum(x*x));", r"line 3: .*array of 2\.16e\+08 elements"),
         ("x = (1:60000) + (1:60000)';\ny = x(1);", r"line 2: .*array of 3\.6e\+09 elements"),

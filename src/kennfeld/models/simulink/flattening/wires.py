@@ -10,12 +10,20 @@ from kennfeld.models.simulink.flattening.levels import Level, around, tag_of
 
 __all__ = ["Wires", "member_names"]
 
+_WIDE = ("global", "scoped")  # visible in other systems than their own
+
 
 class Wires:
     """Follows lines back to the blocks that they come from. `gotos` are the Goto blocks by their tags."""
 
     def __init__(self, gotos: Mapping[str, Sequence[tuple[Level, Block]]]) -> None:
-        self.gotos = gotos
+        self._local: dict[tuple[Level, str], tuple[Level, Block]] = {}
+        self._wide: dict[str, list[tuple[Level, Block]]] = {}
+        for tag, ends in gotos.items():
+            for level, goto in ends:
+                self._local.setdefault((level, tag), (level, goto))
+                if (goto.value("TagVisibility") or "local") in _WIDE:
+                    self._wide.setdefault(tag, []).append((level, goto))
 
     def label(self, level: Level, end: Endpoint) -> str:
         """The name of the line into a port, or of the line that it comes from through ports and tags."""
@@ -113,14 +121,12 @@ class Wires:
 
     def goto(self, level: Level, tag: str) -> tuple[Level, Block] | None:
         """The Goto of a tag: local ones in the same system, scoped ones below their mark, global ones anywhere."""
-        wide = None
-        for where, goto in self.gotos.get(tag, ()):
-            if where is level:
+        if (level, tag) in self._local:
+            return self._local[level, tag]
+        for where, goto in self._wide.get(tag, ()):
+            if goto.value("TagVisibility") == "global" or self._scoped(level, where, tag):
                 return where, goto
-            visibility = goto.value("TagVisibility") or "local"
-            if visibility == "global" or (visibility == "scoped" and self._scoped(level, where, tag)):
-                wide = wide or (where, goto)
-        return wide
+        return None
 
     def _scoped(self, level: Level, where: Level, tag: str) -> bool:
         """Whether a mark of the tag's visibility stands in a system around both the From and the Goto."""

@@ -28,7 +28,7 @@ def sizes(given: Given, begin: int = 0) -> list[int]:
     made = [max(int(n), 0) for n in found if math.isfinite(n)]
     if len(made) != len(found):
         raise given.refuse("a size is not finite")
-    given.calls.desk.room(float(np.prod([float(n) for n in made])) if made else 1.0)
+    given.calls.desk.room(math.prod(map(float, made)))
     return made * 2 if len(made) == 1 and len(found) == 1 else made or [1, 1]
 
 
