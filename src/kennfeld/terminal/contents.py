@@ -19,8 +19,11 @@ from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
 from kennfeld.measurement.sniff import Kind, kind_of
-from kennfeld.models import Model, simulink
+from kennfeld.models import Model
 from kennfeld.models import formula as formulas
+from kennfeld.models.simulink.files.document import recognises_simulink
+from kennfeld.models.simulink.outline import outline
+from kennfeld.models.simulink.variables.dictionary import read_dictionary
 from kennfeld.project import Project
 from kennfeld.project.method import listed
 from kennfeld.project.toml import is_training, read_toml
@@ -95,7 +98,7 @@ def contents(path: str | Path, a2l: str | Path | None = None, part: Part = WHOLE
     if file.suffix.lower() in (".slx", ".mdl"):  # a damaged one too
         return _simulink(file, part)
     kind, head = _sniffed(file)
-    if kind is Kind.MODEL or simulink.recognises_simulink(head.encode()):
+    if kind is Kind.MODEL or recognises_simulink(head.encode()):
         return _simulink(file, part)
     if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
         return _training(file) if is_training(read_toml(file)) else _project(file)
@@ -315,7 +318,7 @@ def _formula(file: Path, model: Model) -> Contents:
 
 
 def _simulink(file: Path, part: Part) -> Contents:
-    found = simulink.outline(file, part.folders)
+    found = outline(file, part.folders)
     as_json = {"content": "Simulink model", **found.as_dict()}
     tables, notes = model_tables(found), model_notes(found)
     if found.kind != "library":
@@ -332,7 +335,7 @@ def _simulink(file: Path, part: Part) -> Contents:
 
 
 def _dictionary(file: Path) -> Contents:
-    found = simulink.read_dictionary(file, follow=False)
+    found = read_dictionary(file, follow=False)
     notes = [f"{name} is not readable: {why}" for name, why in found.data.unreadable.items()]
     return Contents(dictionary_summary(found), [dictionary_table(found)], notes, _plain(dictionary_json(found)))
 
