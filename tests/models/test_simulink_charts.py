@@ -525,6 +525,42 @@ def test_elements_of_arrays_may_be_chosen_while_the_chart_runs(tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("language", "code", "whole"),
+    [
+        ("C", "x[i] = u; y = x[i]; z = x[0] + x[1] + x[2];", np.floor),
+        ("MATLAB", "x(i + 1) = u; y = x(i + 1); z = x(1) + x(2) + x(3);", lambda i: np.floor(i + 0.5)),
+    ],
+)
+def test_beyond_an_array_there_is_no_number_and_nothing_is_written(language, code, whole, tmp_path):
+    data = [*IO, ("x", "LOCAL_DATA", "7", "3"), ("i", "LOCAL_DATA", "-2"), ("z", "OUTPUT_DATA")]
+    chart = Chart({"A": f"A\nduring: {code} i = i + 0.75;"}, [("", "A", "")], data, language=language)
+    found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": U[:9]})
+    x, i, y, z = np.full(3, 7.0), -2.0, [0.0], [0.0]
+    for u in U[1:9]:
+        at = int(whole(i))
+        there = 0 <= at < 3
+        if there:
+            x[at] = u
+        y.append(u if there else np.nan)
+        z.append(x.sum())
+        i += 0.75
+    np.testing.assert_allclose(found["y_out"], y)
+    np.testing.assert_allclose(found["z_out"], z, atol=1e-12)
+    assert np.isnan(y).any()
+
+
+def test_derivatives_pass_by_what_lies_beyond_an_array(tmp_path):
+    data = [*IO, ("K", "PARAMETER_DATA"), ("x", "LOCAL_DATA", "[1 a 3]", "3"), ("i", "LOCAL_DATA")]
+    chart = Chart({}, [("", "J", "[i < 3]{y = y + K*x[i]*u;}"), ("", "J", "{y = 2*K*y;}"), ("J", "L", "{i = i + 1;}")],
+                  data, junctions=("J", "L"))  # fmt: skip
+    model = imported(drawn_chart(chart), tmp_path, parameters=[{"K": 0.7, "a": 2.0}])
+    for name in ("K", "a"):
+        exact, near = slopes(model, {"u": U[:6]}, name, "y_out")
+        np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
+        assert np.all(exact[2:] != 0)
+
+
 # implicit events and time
 
 

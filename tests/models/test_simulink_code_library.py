@@ -167,6 +167,14 @@ def placed(u, v):
     return x @ [1, 2, 3, 4, 5]
 
 
+def placed_or_not(u, v):
+    x, _, _ = arrays(u, v)
+    at = round(3 * u)
+    if 1 <= at <= 5:
+        x[at - 1] = 7
+    return x @ [1, 2, 3, 4, 5]
+
+
 def chosen_row(u, v):
     _, matrix, _ = arrays(u, v)
     matrix[min(round(abs(u)), 2)] = [u, 5, v]
@@ -181,6 +189,7 @@ STATEMENTS = [
     ("x(x > 0.5) = min(x(x > 0.5), 1);\ny = (1:5)*x;", lambda u, v: np.minimum(arrays(u, v)[0], 1) @ [1, 2, 3, 4, 5]),
     ("m = abs(x) > 1;\nx(m) = 0;\ny = sum(x);", lambda u, v: sum(a for a in arrays(u, v)[0] if abs(a) <= 1)),
     ("k = min(round(abs(u)), 3) + 1;\nx(k) = 7;\nx(k + 1) = v;\ny = (1:5)*x;", placed),
+    ("x(round(3*u)) = 7;\ny = (1:5)*x;", placed_or_not),
     ("k = min(round(abs(u)), 3) + 1;\nx(k:k + 1) = [7 v];\ny = (1:5)*x;", placed),
     ("k = min(round(abs(u)), 2) + 1;\nA(k, :) = [u 5 v];\ny = [1 2 3]*(A*[1; 10; 100]);", chosen_row),
     ("z = [];\nfor k = 1:4\n z(end + 1) = k*u;\nend\ny = sum(z) + numel(z);", lambda u, v: 10 * u + 4),

@@ -347,7 +347,10 @@ def _grown(calls: "Calls", old: Nodes, places: list[list[int]]) -> Nodes:
 
 
 def _chosen(calls: "Calls", old: Nodes, places: list[Place], new: int) -> Nodes:
-    """One element at a place that depends on signals: each element is the new one where the place is its own."""
+    """One element at a place that depends on signals: each is the new one where the place is its own.
+
+    Where the place is none of the array, as MATLAB stops there, nothing changes.
+    """
     loom = calls.loom
     shape, whole = old.shape, old.ravel(order="F") if len(places) == 1 else _folded(old, len(places))
     calls.desk.room(whole.size)
