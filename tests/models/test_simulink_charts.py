@@ -1,5 +1,7 @@
 """Stateflow charts against an interpreter of its own and against numbers by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from chart_runs import both, drawn_chart
@@ -523,6 +525,54 @@ def test_elements_of_arrays_may_be_chosen_while_the_chart_runs(tmp_path):
         expected.append(m[j] + 2 * V[k])
         j = int(U[k] > 0)
     np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def calling(code, drawn, data=(), **options):
+    """A chart in MATLAB of one state whose during actions may call the function r = f(x), drawn as one arrow."""
+    of_f = [("x", "FUNCTION_INPUT_DATA", "", "", "f"), ("r", "FUNCTION_OUTPUT_DATA", "", "", "f")]
+    return Chart(
+        {"A": f"A\nduring:\n{code}", "B": "B", "f": "r = f(x)"},
+        [("", "A", ""), ("A", "B", "[u > 99]"), ("", "J", drawn)],
+        [*IO, *of_f, *data],
+        parents={"J": "f"},
+        junctions=("J",),
+        functions={"f": ""},
+        language="MATLAB",
+        **options,
+    )
+
+
+def test_switch_asks_once_what_it_decides_on(tmp_path):
+    code = "switch f(u)\n case 7\n  y = 1;\n case {5, 1}\n  y = 2;\n case 2\n  y = 3;\n otherwise\n  y = 9;\nend"
+    chart = calling(code, "{n = n + 1; r = n;}", [("n", "OUTPUT_DATA")])
+    found = run(imported(drawn_chart(chart, outputs=("y", "n")), tmp_path), {"u": np.zeros(9)})
+    np.testing.assert_array_equal(found["n_out"], range(9))
+    np.testing.assert_array_equal(found["y_out"], [0, 2, 3, 9, 9, 2, 9, 1, 9])
+
+
+def test_actions_end_where_a_function_in_an_expression_has_left_their_state(tmp_path):
+    chart = calling("y = f(u);\nz = z + 1;", "{E; r = x;}", [("z", "OUTPUT_DATA")], events=[("E", "LOCAL_EVENT", "")])
+    chart.transitions[1] = ("A", "B", "E")
+    chart.states["B"] = "B\nentry: y = -1;"
+    found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": [5.0, 6.0, 7.0]})
+    np.testing.assert_array_equal(found["y_out"], [0, 6, 6])
+    np.testing.assert_array_equal(found["z_out"], [0, 0, 0])
+
+
+def test_what_a_function_in_matlab_gives_no_value_is_no_number(tmp_path):
+    script = "function r = f(x)\nif x > 0\n  a = x;\nelse\n  a = -1;\nend\nif x < 1\n  r = a;\nend\nend\n"
+    chart = replace(calling("y = f(u);", ""), functions={"f": script}, junctions=(), parents={})
+    chart.transitions.pop()
+    found = run(imported(drawn_chart(chart), tmp_path), {"u": [0, -2, 0.5, 3, 0.25]})["y_out"]
+    np.testing.assert_array_equal(found, [0, -1, 0.5, np.nan, 0.25])
+
+
+def test_end_may_stand_deep_within_an_index(tmp_path):
+    code = "x(end) = u;\ny = x(min(end, 7)) + 10*x(-1 + abs(-end)) + 100*x(x(end - 2)/5);"
+    chart = Chart({"A": f"A\nduring:\n{code}"}, [("", "A", "")], [*IO, ("x", "LOCAL_DATA", "[5 2 0]", "[1 3]")],
+                  language="MATLAB")  # fmt: skip
+    found = run(imported(drawn_chart(chart), tmp_path), {"u": U[:5]})["y_out"]
+    np.testing.assert_allclose(found[1:], U[1:5] + 20 + 500)
 
 
 @pytest.mark.parametrize(

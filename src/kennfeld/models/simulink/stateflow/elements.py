@@ -5,7 +5,6 @@ Beyond the array, where a chart would stop, there is not a number to read, and n
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.expressions.arrays import each, fold
 from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.stateflow.actions import changed
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.guards import Guard
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
@@ -77,8 +77,19 @@ class Elements:
             raise UnsupportedError(f"{context.place}: it indexes with {len(indices)} numbers")
         for axis, index in enumerate(indices):
             size = math.prod(shape) if len(indices) == 1 else shape[axis]
-            found.append(None if isinstance(index, m.Colon) else self._place(_ended(index, size), context, guard))
+            if isinstance(index, m.Colon):
+                found.append(None)
+            else:
+                found.append(self._place(self._ended(index, size, context), context, guard))
         return found
+
+    def _ended(self, index: m.Expression, size: int, context: Context) -> m.Expression:
+        """An index in which `end` is a number, but not within an index of another array."""
+        if isinstance(index, m.End):
+            return m.Number(float(size))
+        if isinstance(index, m.Call) and self.values.key_of(index.of, context) is not None:
+            return index
+        return changed(index, lambda part: self._ended(part, size, context))
 
     def _place(self, index: m.Expression, context: Context, guard: Guard) -> Nodes:
         """The nodes of an index, made whole as its language does."""
@@ -114,17 +125,6 @@ class Elements:
             ]
             made.append((fold(self.loom, "and", equal), int(array[at])))
         return made
-
-
-def _ended(index: m.Expression, size: int) -> Any:
-    """An index in which `end` is a number."""
-    if isinstance(index, m.End):
-        return m.Number(float(size))
-    if isinstance(index, m.Binary):
-        return replace(index, left=_ended(index.left, size), right=_ended(index.right, size))
-    if isinstance(index, m.Range):
-        return replace(index, first=_ended(index.first, size), last=_ended(index.last, size))
-    return index
 
 
 def _flat(indices: list[int], shape: tuple[int, ...]) -> tuple[Any, ...]:
