@@ -237,6 +237,31 @@ def test_blocks_that_are_never_closed_are_told():
         parse_script("if a\n" * 5000)
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("function f\n x = 1;\n function g\n  x = 2;\n end\n g\nend\n", [("line 3 column 2", "f")]),
+        ("function y = f(u)\ny = g(u);\nfunction z = g(a)\nz = a;\nend\nfunction w = h(a)\nw = a;\nend\nend\n",
+         [("line 3 column 1", "f")]),
+        ("function f\nfunction g\nfunction h\nend\nend\nend\n", [("line 3 column 1", "g"), ("line 2 column 1", "f")]),
+    ],
+)  # fmt: skip
+def test_functions_within_functions_are_told_as_what_they_are(text, told):
+    with pytest.raises(MatlabError) as error:
+        parse_script(text)
+    findings = error.value.findings
+    assert [(one.place, one.what.split(" stands within ")[1]) for one in findings] == [
+        (place, f"the function {outer}; nested functions are not supported") for place, outer in told
+    ]
+    assert all(one.mend.startswith("Move it behind the end of ") for one in findings)
+
+
+def test_functions_without_end_and_an_end_too_many_are_told_apart():
+    assert len(parse_script("function f\nx = 1;\nfunction g\nx = 2;\n").functions) == 2
+    with pytest.raises(MatlabError, match="end opens no block"):
+        parse_script("function f\nx = 1;\nend\nend\n")
+
+
 def test_line_breaks_of_all_systems_count():
     assert parse_script("a = 1;\r\nb = 2;\rx = 3;").statements[2].place == m.Place(3, 1)
 

@@ -6,8 +6,13 @@ It follows the documented semantics directly, without guards and graphs, and sha
 import re
 
 import numpy as np
-from simulink_files import Model
+from simulink_files import Chart, Model
 from simulink_runs import imported, run
+
+RANDOM = np.random.default_rng(5)
+U = np.round(RANDOM.normal(size=120), 2)
+V = np.round(RANDOM.normal(size=120), 2)
+IO = [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA")]
 
 
 class LeftError(Exception):
@@ -243,6 +248,17 @@ def parted(label):
     return tuple((part or "").strip() for part in found.groups())
 
 
+def lone(actions, data=IO, **options):
+    """A chart of one state, with these actions."""
+    return Chart({"A": f"A\n{actions}"}, [("", "A", "")], data, **options)
+
+
+def pair(first, second, there, back="", data=IO, **options):
+    """A chart of two states with these actions, and a transition from one to the other, or to each other."""
+    arrows = [("", "A", ""), ("A", "B", there), *([("B", "A", back)] if back else [])]
+    return Chart({"A": f"A\n{first}", "B": f"B\n{second}"}, arrows, data, **options)
+
+
 def drawn_chart(chart, inputs=("u",), outputs=("y",), name="model", **options):
     """A model of one chart "C" between inports and outports."""
     drawn = Model(name, step="0.1", solver="FixedStepDiscrete", **options)
@@ -254,6 +270,15 @@ def drawn_chart(chart, inputs=("u",), outputs=("y",), name="model", **options):
         drawn.outport(f"{one}_out")
         drawn.line(f"C:{at}", f"{one}_out")
     return drawn
+
+
+def muxed(drawn, names, end):
+    """Inports of these names that make one vector, which leads to an input of a block."""
+    drawn.block("Mux", "M", ports=(len(names), 1), Inputs=len(names))
+    for at, name in enumerate(names, 1):
+        drawn.inport(name)
+        drawn.line(name, f"M:{at}")
+    drawn.line("M", end)
 
 
 def both(chart, folder, columns, outputs=("y",), parameters=None, layout="slx parts"):

@@ -1,18 +1,16 @@
 """Stateflow charts against an interpreter of its own and against numbers by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from chart_runs import both, drawn_chart
+from chart_runs import IO, U, V, both, drawn_chart, lone, muxed, pair
 from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
 
-RANDOM = np.random.default_rng(5)
-U = np.round(RANDOM.normal(size=120), 2)
-V = np.round(RANDOM.normal(size=120), 2)
-IO = [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA")]
 UV = [("u", "INPUT_DATA"), ("v", "INPUT_DATA"), ("y", "OUTPUT_DATA"), ("z", "OUTPUT_DATA")]
 
 SWITCH = Chart(
@@ -175,6 +173,7 @@ DEEP = Chart(
     parallel=("M",),
 )
 
+
 CHARTS = {
     "switch": SWITCH,
     "debounce": DEBOUNCE,
@@ -208,9 +207,11 @@ def test_charts_are_the_same_in_every_layout(name, layout, tmp_path):
 
 # parameters
 
-GAINED = Chart(
-    {"A": "A\nentry: y = K*u;\nduring: y = y + K^2;", "B": "B\nduring: y = x[1]*u;\nexit: y = y*K;"},
-    [("", "A", ""), ("A", "B", "[u > limit]{x[1] = K + u;}"), ("B", "A", "after(2, tick)[u < 0]")],
+GAINED = pair(
+    "entry: y = K*u;\nduring: y = y + K^2;",
+    "during: y = x[1]*u;\nexit: y = y*K;",
+    "[u > limit]{x[1] = K + u;}",
+    "after(2, tick)[u < 0]",
     [*IO, ("K", "PARAMETER_DATA"), ("limit", "PARAMETER_DATA"), ("x", "LOCAL_DATA", "[0 a]", "2")],
 )
 
@@ -227,7 +228,7 @@ def test_parameters_of_a_chart_stay_live_with_exact_derivatives(tmp_path):
 
 def test_a_chart_may_begin_with_a_parameter(tmp_path):
     data = [*IO, ("s", "LOCAL_DATA", "2*a")]
-    drawn = Chart({"A": "A\nduring: s = 0.5*s; y = s + u;"}, [("", "A", "")], data)
+    drawn = lone("during: s = 0.5*s; y = s + u;", data)
     model = imported(drawn_chart(drawn), tmp_path, parameters=[{"a": 3.0}])
     found = run(model, {"u": np.zeros(4)})["y_out"]
     np.testing.assert_allclose(found, [0, 3, 1.5, 0.75])
@@ -248,7 +249,7 @@ def test_a_chart_that_is_entered_before_the_first_step_runs_in_it(tmp_path):
 
 def test_a_chart_with_a_sample_time_of_its_own_holds_between_its_hits(tmp_path):
     settings = {"updateMethod": "DISCRETE", "sampleTime": "0.3"}
-    drawn = Chart({"A": "A\nentry: y = u;\nduring: y = u;"}, [("", "A", "")], IO, settings=settings)
+    drawn = lone("entry: y = u;\nduring: y = u;", settings=settings)
     found = run(imported(drawn_chart(drawn), tmp_path), {"u": np.arange(8.0)})["y_out"]
     np.testing.assert_array_equal(found, [0, 0, 0, 3, 3, 3, 6, 6])
 
@@ -257,7 +258,7 @@ def test_a_chart_in_an_enabled_subsystem_stands_still_with_it(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     inner = drawn.subsystem("S")
     inner.block("EnablePort", "Enable", StatesWhenEnabling="held")
-    inner.chart("C", Chart({"A": "A\ndu: y += u;"}, [("", "A", "")], IO))
+    inner.chart("C", lone("du: y += u;"))
     inner.inport("a")
     inner.outport("b")
     inner.chain("a", "C", "b")
@@ -304,32 +305,34 @@ def test_two_events_from_outside_come_one_after_the_other(tmp_path):
         settings={"executeAtInitialization": "1"},
     )
     drawn = drawn_chart(chart)
-    drawn.block("Mux", "M", ports=(2, 1), Inputs=2)
-    for at, name in enumerate(("e", "f"), 1):
-        drawn.inport(name)
-        drawn.line(name, f"M:{at}")
-    drawn.line("M", "C#trigger")
+    muxed(drawn, ("e", "f"), "C#trigger")
     e, f = np.array([[1, 0, 1, 1, 0, 1], [1, 1, 0, 1, 0, 1]], dtype=float)
     found = run(imported(drawn, tmp_path), {"u": np.zeros(6), "e": e, "f": f})["y_out"]
     np.testing.assert_array_equal(found, [1, 2, 4, 9, 9, 19])
 
 
-def called(chart, gain="K", **options):
-    """A chart whose event f calls a subsystem that gives gain*y, fed back to the chart as its input th."""
+def caller(chart, inputs=("u", "th"), gain="2"):
+    """A chart C of the input u, whose event f calls a subsystem S that gives gain*a; they are not wired otherwise."""
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.chart("C", chart, ("u", "th"), ("y", "f()"))
-    inner = drawn.subsystem("S", **options)
+    drawn.chart("C", chart, inputs, ("y", "f()"))
+    inner = drawn.subsystem("S")
     inner.block("TriggerPort", "call", TriggerType="function-call")
     inner.inport("a")
     inner.block("Gain", "G", Gain=gain)
     inner.outport("b", InitialOutput="0")
     inner.chain("a", "G", "b")
     drawn.inport("u")
+    drawn.line("u", "C")
+    drawn.line("C:2", "S#trigger")
+    return drawn
+
+
+def fed_back(chart, gain="2"):
+    """A caller that calls with its output y and gets the result as its input th."""
+    drawn = caller(chart, gain=gain)
     drawn.outport("y_out")
     drawn.outport("th_out")
-    drawn.line("u", "C")
     drawn.line("C", "S", "y_out")
-    drawn.line("C:2", "S#trigger")
     drawn.line("S", "C:2", "th_out")
     return drawn
 
@@ -339,8 +342,8 @@ CALL = [("f", "OUTPUT_EVENT", "FUNCTION_CALL_EVENT")]
 
 
 def test_a_chart_reads_what_it_calls_within_its_step(tmp_path):
-    chart = Chart({"A": "A\nen: y = 1;\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
-    model = imported(called(chart), tmp_path, parameters=[{"K": 3.0}])
+    chart = lone("en: y = 1;\ndu: y = u; f; y = y + th;", CALLER, events=CALL)
+    model = imported(fed_back(chart, "K"), tmp_path, parameters=[{"K": 3.0}])
     found = run(model, {"u": U[:20]})
     np.testing.assert_allclose(found["y_out"], np.r_[1, 4 * U[1:20]], atol=1e-12)
     np.testing.assert_allclose(found["th_out"], np.r_[0, 3 * U[1:20]], atol=1e-12)
@@ -349,9 +352,8 @@ def test_a_chart_reads_what_it_calls_within_its_step(tmp_path):
 
 
 def test_a_chart_reads_what_an_earlier_call_has_left(tmp_path):
-    states = {"A": "A\nen: y = 1;\ndu: y = y + th;", "B": "B\ndu: y = u; f;"}
-    chart = Chart(states, [("", "A", ""), ("A", "B", "[u > 0]"), ("B", "A", "[u < 0]")], CALLER, events=CALL)
-    found = run(imported(called(chart, "2"), tmp_path), {"u": [0, 1, 2, 3, -1, 0, 0]})
+    chart = pair("en: y = 1;\ndu: y = y + th;", "du: y = u; f;", "[u > 0]", "[u < 0]", CALLER, events=CALL)
+    found = run(imported(fed_back(chart), tmp_path), {"u": [0, 1, 2, 3, -1, 0, 0]})
     np.testing.assert_array_equal(found["y_out"], [1, 1, 2, 3, 1, 7, 13])
     np.testing.assert_array_equal(found["th_out"], [0, 0, 4, 6, 6, 6, 6])
 
@@ -364,30 +366,21 @@ def test_a_chart_reads_what_an_earlier_call_has_left(tmp_path):
     ],
 )
 def test_calls_that_cannot_be_placed_are_refused(state, told, tmp_path):
-    chart = Chart({"A": f"A\n{state}"}, [("", "A", "")], CALLER, events=CALL)
+    chart = lone(state, CALLER, events=CALL)
     with pytest.raises(InputError) as caught:
-        imported(called(chart, "2"), tmp_path)
+        imported(fed_back(chart), tmp_path)
     assert told in str(caught.value)
 
 
 @pytest.mark.parametrize("first", ["N", "S"])
 def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_begins(first, tmp_path):
-    chart = Chart({"A": "A\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.chart("C", chart, ("u", "th"), ("y", "f()"))
-    inner = drawn.subsystem("S")
-    inner.block("TriggerPort", "call", TriggerType="function-call")
-    inner.inport("a")
-    inner.outport("b")
-    inner.line("a", "b")
-    drawn.inport("u")
+    chart = lone("du: y = u; f; y = y + th;", CALLER, events=CALL)
+    drawn = caller(chart)
     drawn.block("Gain", "N", Gain="2")
     for name in sorted(("N", "S"), key=lambda one: one != first):
         drawn.outport(f"{name}_out")
-    drawn.line("u", "C")
-    drawn.line("C", "N")
+    drawn.chain("C", "N")
     drawn.line("N", "S", "N_out")
-    drawn.line("C:2", "S#trigger")
     drawn.line("S", "C:2", "S_out")
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
@@ -397,44 +390,29 @@ def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_b
 
 
 def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsystem_reads_it(tmp_path):
-    chart = Chart({"A": "A\ndu: f; y = u;"}, [("", "A", "")], [CALLER[0], CALLER[2]], events=CALL)
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.chart("C", chart, ("u",), ("y", "f()"))
-    inner = drawn.subsystem("S")
-    inner.block("TriggerPort", "call", TriggerType="function-call")
-    inner.inport("a")
-    inner.block("Gain", "G", Gain="2")
-    inner.outport("b")
-    inner.chain("a", "G", "b")
-    drawn.inport("u")
+    chart = lone("du: f; y = u;", [CALLER[0], CALLER[2]], events=CALL)
+    drawn = caller(chart, ("u",))
     drawn.outport("out")
-    drawn.line("u", "C")
-    drawn.line("C", "S")
-    drawn.line("C:2", "S#trigger")
-    drawn.line("S", "out")
+    drawn.chain("C", "S", "out")
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
     assert "it changes y, which S/G reads, after it has called f" in str(caught.value)
 
 
 def test_a_called_subsystem_that_needs_what_waits_for_the_chart_is_a_loop(tmp_path):
-    chart = Chart({"A": "A\ndu: y = u; f; y = y + th;"}, [("", "A", "")], CALLER, events=CALL)
-    drawn = called(chart, "2")
+    chart = lone("du: y = u; f; y = y + th;", CALLER, events=CALL)
+    drawn = caller(chart)
     drawn.block("Bias", "R", Bias="1")
-    drawn.wires = [wire for wire in drawn.wires if wire.source[0] != "C" or wire.source[2] != 1]
-    drawn.line("C", "R")
-    drawn.line("R", "y_out", "S")
+    drawn.outport("y_out")
+    drawn.chain("C", "R", "S", "C:2")
+    drawn.line("R", "y_out")
     report = import_simulink(drawn.write(tmp_path)).report
     assert any("C: what it calls by f needs R, which needs the chart" in str(one) for one in report.findings)
 
 
 def test_an_event_to_the_outside_changes_its_output_at_an_edge(tmp_path):
-    chart = Chart(
-        {"A": "A\ndu: y = u;", "B": "B"},
-        [("", "A", ""), ("A", "B", "[u > 0]{e;}"), ("B", "A", "[u < 0]/e;")],
-        IO,
-        events=[("e", "OUTPUT_EVENT", "EITHER_EDGE_EVENT")],
-    )
+    sent = [("e", "OUTPUT_EVENT", "EITHER_EDGE_EVENT")]
+    chart = pair("du: y = u;", "", "[u > 0]{e;}", "[u < 0]/e;", events=sent)
     found = run(imported(drawn_chart(chart, outputs=("y", "e")), tmp_path), {"u": [0, 1, 1, -1, 0, 2.0]})["e_out"]
     np.testing.assert_array_equal(found, [0, 1, 1, 0, 0, 1])
 
@@ -486,13 +464,13 @@ def test_functions_of_a_chart_are_drawn_or_written(tmp_path):
 
 def test_actions_in_matlab_decide_and_repeat(tmp_path):
     code = (
-        "A\nentry:\nx = zeros(1, 3);\nduring:\nfor i = 1:3\n  x(i) = u*i;\nend\nif u > 1\n  y = sum(x);\n"
+        "entry:\nx = zeros(1, 3);\nduring:\nfor i = 1:3\n  x(i) = u*i;\nend\nif u > 1\n  y = sum(x);\n"
         "elseif u < -1\n  y = -1;\nelse\n  y = x(2); % the middle one\nend\nk = 0;\nwhile k < 4\n  k = k + 1;\n"
         "  if k == 3, continue; end\n  y = y + 0.1*k;\nend\nswitch round(u)\n"
         "  case {0, 5}\n    y = y + 100;\n  otherwise\n    y++;\nend"
     )
     data = [*IO, ("x", "LOCAL_DATA", "", "[1 3]"), ("i", "LOCAL_DATA"), ("k", "LOCAL_DATA")]
-    chart = Chart({"A": code}, [("", "A", "")], data, language="MATLAB")
+    chart = lone(code, data, language="MATLAB")
     found = run(imported(drawn_chart(chart), tmp_path), {"u": U[:30]})["y_out"]
     expected = np.where(U > 1, 6 * U, np.where(U < -1, -1, 2 * U)) + 0.7
     expected += np.where(np.isin(np.sign(U) * np.floor(np.abs(U) + 0.5), (0, 5)), 100, 1)
@@ -507,15 +485,10 @@ def test_elements_of_arrays_may_be_chosen_while_the_chart_runs(tmp_path):
     )
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.chart("C", chart, ("u", "v"), ("y",))
-    for name in ("u", "a", "b"):
-        drawn.inport(name)
-    drawn.block("Mux", "M", ports=(2, 1), Inputs=2)
+    drawn.inport("u")
     drawn.outport("out")
-    drawn.line("u", "C:1")
-    drawn.line("a", "M:1")
-    drawn.line("b", "M:2")
-    drawn.line("M", "C:2")
-    drawn.line("C", "out")
+    drawn.chain("u", "C", "out")
+    muxed(drawn, ("a", "b"), "C:2")
     found = run(imported(drawn, tmp_path), {"u": U, "a": V, "b": 2 * V})["out"]
     m, j, expected = [0.0, 0.0, 0.0], 0, [0.0]
     for k in range(1, U.size):
@@ -523,6 +496,90 @@ def test_elements_of_arrays_may_be_chosen_while_the_chart_runs(tmp_path):
         expected.append(m[j] + 2 * V[k])
         j = int(U[k] > 0)
     np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def calling(code, drawn, data=(), **options):
+    """A chart in MATLAB of one state whose during actions may call the function r = f(x), drawn as one arrow."""
+    of_f = [("x", "FUNCTION_INPUT_DATA", "", "", "f"), ("r", "FUNCTION_OUTPUT_DATA", "", "", "f")]
+    return Chart(
+        {"A": f"A\nduring:\n{code}", "B": "B", "f": "r = f(x)"},
+        [("", "A", ""), ("A", "B", "[u > 99]"), ("", "J", drawn)],
+        [*IO, *of_f, *data],
+        parents={"J": "f"},
+        junctions=("J",),
+        functions={"f": ""},
+        language="MATLAB",
+        **options,
+    )
+
+
+def test_switch_asks_once_what_it_decides_on(tmp_path):
+    code = "switch f(u)\n case 7\n  y = 1;\n case {5, 1}\n  y = 2;\n case 2\n  y = 3;\n otherwise\n  y = 9;\nend"
+    chart = calling(code, "{n = n + 1; r = n;}", [("n", "OUTPUT_DATA")])
+    found = run(imported(drawn_chart(chart, outputs=("y", "n")), tmp_path), {"u": np.zeros(9)})
+    np.testing.assert_array_equal(found["n_out"], range(9))
+    np.testing.assert_array_equal(found["y_out"], [0, 2, 3, 9, 9, 2, 9, 1, 9])
+
+
+def test_actions_end_where_a_function_in_an_expression_has_left_their_state(tmp_path):
+    chart = calling("y = f(u);\nz = z + 1;", "{E; r = x;}", [("z", "OUTPUT_DATA")], events=[("E", "LOCAL_EVENT", "")])
+    chart.transitions[1] = ("A", "B", "E")
+    chart.states["B"] = "B\nentry: y = -1;"
+    found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": [5.0, 6.0, 7.0]})
+    np.testing.assert_array_equal(found["y_out"], [0, 6, 6])
+    np.testing.assert_array_equal(found["z_out"], [0, 0, 0])
+
+
+def test_what_a_function_in_matlab_gives_no_value_is_no_number(tmp_path):
+    script = "function r = f(x)\nif x > 0\n  a = x;\nelse\n  a = -1;\nend\nif x < 1\n  r = a;\nend\nend\n"
+    chart = replace(calling("y = f(u);", ""), functions={"f": script}, junctions=(), parents={})
+    chart.transitions.pop()
+    found = run(imported(drawn_chart(chart), tmp_path), {"u": [0, -2, 0.5, 3, 0.25]})["y_out"]
+    np.testing.assert_array_equal(found, [0, -1, 0.5, np.nan, 0.25])
+
+
+def test_end_may_stand_deep_within_an_index(tmp_path):
+    code = "x(end) = u;\ny = x(min(end, 7)) + 10*x(-1 + abs(-end)) + 100*x(x(end - 2)/5);"
+    chart = lone(f"during:\n{code}", [*IO, ("x", "LOCAL_DATA", "[5 2 0]", "[1 3]")],
+                  language="MATLAB")  # fmt: skip
+    found = run(imported(drawn_chart(chart), tmp_path), {"u": U[:5]})["y_out"]
+    np.testing.assert_allclose(found[1:], U[1:5] + 20 + 500)
+
+
+@pytest.mark.parametrize(
+    ("language", "code", "whole"),
+    [
+        ("C", "x[i] = u; y = x[i]; z = x[0] + x[1] + x[2];", np.floor),
+        ("MATLAB", "x(i + 1) = u; y = x(i + 1); z = x(1) + x(2) + x(3);", lambda i: np.floor(i + 0.5)),
+    ],
+)
+def test_beyond_an_array_there_is_no_number_and_nothing_is_written(language, code, whole, tmp_path):
+    data = [*IO, ("x", "LOCAL_DATA", "7", "3"), ("i", "LOCAL_DATA", "-2"), ("z", "OUTPUT_DATA")]
+    chart = lone(f"during: {code} i = i + 0.75;", data, language=language)
+    found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": U[:9]})
+    x, i, y, z = np.full(3, 7.0), -2.0, [0.0], [0.0]
+    for u in U[1:9]:
+        at = int(whole(i))
+        there = 0 <= at < 3
+        if there:
+            x[at] = u
+        y.append(u if there else np.nan)
+        z.append(x.sum())
+        i += 0.75
+    np.testing.assert_allclose(found["y_out"], y)
+    np.testing.assert_allclose(found["z_out"], z, atol=1e-12)
+    assert np.isnan(y).any()
+
+
+def test_derivatives_pass_by_what_lies_beyond_an_array(tmp_path):
+    data = [*IO, ("K", "PARAMETER_DATA"), ("x", "LOCAL_DATA", "[1 a 3]", "3"), ("i", "LOCAL_DATA")]
+    chart = Chart({}, [("", "J", "[i < 3]{y = y + K*x[i]*u;}"), ("", "J", "{y = 2*K*y;}"), ("J", "L", "{i = i + 1;}")],
+                  data, junctions=("J", "L"))  # fmt: skip
+    model = imported(drawn_chart(chart), tmp_path, parameters=[{"K": 0.7, "a": 2.0}])
+    for name in ("K", "a"):
+        exact, near = slopes(model, {"u": U[:6]}, name, "y_out")
+        np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
+        assert np.all(exact[2:] != 0)
 
 
 # implicit events and time
@@ -548,20 +605,14 @@ def test_implicit_events_come_when_states_are_entered_and_variables_change(tmp_p
 
 
 def test_duration_is_how_long_a_condition_holds(tmp_path):
-    chart = Chart(
-        {"A": "A\ndu: y = duration(u > 0);", "B": "B\nen: y = -1;"},
-        [("", "A", ""), ("A", "B", "[duration(u > 0) >= 0.3]"), ("B", "A", "[u < 0]")],
-        IO,
-    )
+    chart = pair("du: y = duration(u > 0);", "en: y = -1;", "[duration(u > 0) >= 0.3]", "[u < 0]")
     found = run(imported(drawn_chart(chart), tmp_path), {"u": [1, 1, 1, -1, 1, 1, 1, 1, 1, -1, 1, 1.0]})["y_out"]
     np.testing.assert_allclose(found, [0, 0, 0.1, 0, 0, 0.1, 0.2, -1, -1, -1, 0, 0.1], atol=1e-12)
 
 
 def test_change_is_told_of_inputs_outputs_and_elements(tmp_path):
-    code = (
-        "A\ndu: y = hasChanged(u) + 10*hasChangedTo(u, 2) + 100*hasChangedFrom(u, 2) + 1000*hasChanged(s); s = u > 2;"
-    )
-    chart = Chart({"A": code}, [("", "A", "")], [*IO, ("s", "LOCAL_DATA")])
+    code = "du: y = hasChanged(u) + 10*hasChangedTo(u, 2) + 100*hasChangedFrom(u, 2) + 1000*hasChanged(s); s = u > 2;"
+    chart = lone(code, [*IO, ("s", "LOCAL_DATA")])
     found = run(imported(drawn_chart(chart), tmp_path), {"u": [1, 2, 2, 3, 3, 3, 2, 2.0]})["y_out"]
     np.testing.assert_array_equal(found, [0, 11, 0, 101, 1000, 0, 11, 1000])
 
@@ -604,35 +655,35 @@ def test_a_loop_may_end_by_a_signal_within_its_bound(tmp_path):
 
 
 REFUSED = [
-    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"stateMachineType": "MOORE_MACHINE"}), "it is a Moore chart"),
-    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"enableNonTerminalStates": "1"}), "it runs in super steps"),
-    (Chart({"A": "A"}, [("", "A", "")], IO, settings={"initializeOutput": "1"}), "begins with new outputs"),
-    (Chart({"A": "A\ndu: y = u"}, [("", "A", "")], IO, settings={"updateMethod": "CONTINUOUS"}), "in continuous time"),
-    (Chart({"A": "A\ny = u;"}, [("", "A", "")], IO), "actions without a keyword"),
-    (Chart({"A": "A\ndu: y = ml.sin(u);"}, [("", "A", "")], IO), "it calls ml"),
-    (Chart({"A": "A\ndu: y = u << 2;"}, [("", "A", "")], IO), "the operation << on bits"),
+    (lone("", settings={"stateMachineType": "MOORE_MACHINE"}), "it is a Moore chart"),
+    (lone("", settings={"enableNonTerminalStates": "1"}), "it runs in super steps"),
+    (lone("", settings={"initializeOutput": "1"}), "begins with new outputs"),
+    (lone("du: y = u", settings={"updateMethod": "CONTINUOUS"}), "in continuous time"),
+    (lone("y = u;"), "actions without a keyword"),
+    (lone("du: y = ml.sin(u);"), "it calls ml"),
+    (lone("du: y = u << 2;"), "the operation << on bits"),
     (
-        Chart({"A": "A\ndu: y = u & 3;"}, [("", "A", "")], IO, settings={"actionLanguage": "1"}),
+        lone("du: y = u & 3;", settings={"actionLanguage": "1"}),
         "the operation & on bits",
     ),
-    (Chart({"A": "A\ndu: q = u;"}, [("", "A", "")], IO), "what is no variable of the chart"),
-    (Chart({"A": "A\ndu: y = q;"}, [("", "A", "")], IO), "variable q: has no value; C needs it"),
-    (Chart({"A": "A\ndu: u = y;"}, [("", "A", "")], IO), "u, which it may only read"),
+    (lone("du: q = u;"), "what is no variable of the chart"),
+    (lone("du: y = q;"), "variable q: has no value; C needs it"),
+    (lone("du: u = y;"), "u, which it may only read"),
     (
-        Chart({"A": "A", "B": "B"}, [("", "A", ""), ("A", "B", "X")], IO),
+        pair("", "", "X"),
         "its transition X: it waits for what is no event",
     ),
     (
-        Chart({"A": "A", "B": "B"}, [("", "A", ""), ("A", "B", "[u > 0")], IO),
+        pair("", "", "[u > 0"),
         "its transition [u > 0: [ is never closed",
     ),
-    (Chart({"A": "A\ndu: y = (u;"}, [("", "A", "")], IO), ") is missing"),
-    (Chart({"A": "A\ndu: E;"}, [("", "A", "")], IO, events=[("E", "LOCAL_EVENT", "")]), "sends events to itself"),
+    (lone("du: y = (u;"), ") is missing"),
+    (lone("du: E;", events=[("E", "LOCAL_EVENT", "")]), "sends events to itself"),
     (
-        Chart({"A": "A"}, [("", "A", "")], [*IO, ("m", "DATA_STORE_MEMORY_DATA")]),
+        lone("", [*IO, ("m", "DATA_STORE_MEMORY_DATA")]),
         "data m is of a kind that is not supported",
     ),
-    (Chart({"A": "A\nbind: y;"}, [("", "A", "")], IO), "binds variables"),
+    (lone("bind: y;"), "binds variables"),
     (
         Chart({}, [("", "J", "{y = u;}"), ("J", "J", "[y > 0]{y = y - 1;}")], IO, junctions=("J",)),
         "its junctions make a loop",
@@ -648,7 +699,7 @@ REFUSED = [
         ),
         "it calls f without an end",
     ),
-    (Chart({"A": "A\ndu: while 1, y = u; end"}, [("", "A", "")], IO, language="MATLAB"), "unfolds to more than"),
+    (lone("du: while 1, y = u; end", language="MATLAB"), "unfolds to more than"),
 ]
 
 

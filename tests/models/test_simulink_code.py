@@ -73,6 +73,18 @@ def counted(u, v):
     return sum(range(1, int(n) + 1)) * v
 
 
+def last_pass(u, v):
+    return min(max(np.floor(4 * abs(u)), 1), 6)
+
+
+def last_pass_from(u, v):
+    k, last = 0, int(last_pass(u, v))
+    for k in range(int(max(1, np.floor(v))), last + 1):
+        if k > 3:
+            break
+    return k
+
+
 def halved(u, v):
     n = 0
     x = abs(u) * 50
@@ -99,6 +111,12 @@ STATEMENTS = [
     ("n = min(max(floor(4*abs(u)), 1), 6);\ny = 0;\nfor k = 1:n\n y = y + k*v;\nend", counted),
     ("n = floor(4*abs(u));\nif n > 6, n = 6; end\nif n < 1\n n = 1;\nend\ny = 0;\nfor k = n:-1:1\n"
      " y = y + k*v;\nend", counted),
+    ("k = 0;\nfor k = 1:min(max(floor(4*abs(u)), 1), 6)\nend\ny = k;", last_pass),
+    ("k = 0;\nfor k = max(1, floor(v)):min(max(floor(4*abs(u)), 1), 6)\n if k > 3, break, end\nend\ny = k;",
+     last_pass_from),
+    ("y = 0;\nn = round(u);\nfor k = n:n + 2\n y = y + k*v;\nend\ny = y + k;", lambda u, v:
+     3*v*(round(u) + 1) + round(u) + 2),
+    ("y = 0;\nfor k = 3:0:5\n y = 1;\nend", lambda u, v: 0.0),
     ("n = 0; x = abs(u)*50;\nwhile x > 1\n x = x/2; n = n + 1;\n if n >= 8, break; end\nend\n"
      "y = n + x;", halved),
     ("k = 0;\nwhile k < 4\n k = k + 1;\nend\ny = k*u;", lambda u, v: 4 * u),
@@ -120,6 +138,9 @@ STATEMENTS = [
      lambda u, v: 2 if (u and 1 / u > 2) or v < 0 else 1),
     ("a = u > 0; b = v > 0;\ny = 0;\nif xor(a, b), y = 1; end\nif ~a & ~b, y = 2; end", lambda u, v:
      1 if (u > 0) != (v > 0) else 2 if u <= 0 and v <= 0 else 0),
+    ("y = (true && u) + 10*(0 || v) + 100*(u && u) + 1000*(u || u) + 10000*(u && 0);", lambda u, v:
+     (u != 0) * 1101 + 10 * (v != 0)),
+    ("if u > 0\n z = 1;\nend\ny = exist('z', 'var') + 10*exist('u');", lambda u, v: (u > 0) + 10),
     ("x = [u v];\nif x > 0\n y = 1;\nelse\n y = 0;\nend", lambda u, v: float(u > 0 and v > 0)),
     ("y = u;\nif []\n y = 5;\nend", lambda u, v: u),
     ("f = @(a, b) a*b + u;\ny = f(v, 2) + feval(@max, u, v);", lambda u, v: 2 * v + u + max(u, v)),
@@ -238,6 +259,7 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
         ("x = (1:60000) + (1:60000)';\ny = x(1);", r"line 2: .*array of 3\.6e\+09 elements"),
         ("while true\n y = u;\nend", "unfolds to more than 20000 statements"),
         ("y = g(u);\nend\nfunction y = g(x)\ny = g(x - 1);", "g calls itself"),
+        ("y = g(u);\nfunction y = g(x)\ny = x;\nend\n", "line 3 .*nested functions are not supported.*Move it behind"),
         ("y = 3i*u;", "complex numbers are not supported"),
         ("y = u + 2*j;", "complex numbers are not supported"),
         ("x = [1 2 3];\nx(2) = [];\ny = x(1)*u;", "line 3: elements are deleted"),

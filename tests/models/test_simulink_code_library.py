@@ -1,12 +1,13 @@
 """Functions, arrays and indices in MATLAB Functions, against numpy."""
 
 import math
+from operator import and_, or_, xor
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from simulink_code import U, body, check_slopes, function, outputs, stepwise
-from simulink_runs import imported
+from simulink_runs import imported, slopes
 
 from kennfeld.errors import InputError
 
@@ -28,6 +29,12 @@ NUMBERS = [
     ("sum(r) + sum(A, 2)' * [1; 2; 3]", lambda x, A, w: x.sum() + A.sum(1) @ [1, 2, 3]),
     ("sum(A) * [1; 2; 3]", lambda x, A, w: A.sum(0) @ [1, 2, 3]),
     ("sum(A(:)) + sum(A, 'all')", lambda x, A, w: 2 * A.sum()),
+    ("sum(r, 'double') + sum(A, 2, 'native')'*[1; 2; 3] + any(A > 9, 'all')", lambda x, A, w: x.sum()
+     + A.sum(1) @ [1, 2, 3] + (A > 9).any()),
+    ("w(2.5) + w(1.4) + 10*w(round(abs(u)/10) + 1.5)", lambda x, A, w: 2 + 3 + 10 * 1),
+    ("sum(size(conv(2, [1; 2; 3])).*[1 10]) + sum(size(conv([1; 2], [1 2 3])).*[1 10])", lambda x, A, w: 13 + 41),
+    ("isequal(struct('a', u), struct('b', u)) + 10*isequal(struct('a', u, 'b', {{1}}), struct('b', {{1}}, 'a', u))"
+     " + 100*isequal({u, 't'}, {u, 't'}) + 1000*isequal({u, 't'}, {u, 's'})", lambda x, A, w: 110),
     ("prod(x) + prod(A(1, :))", lambda x, A, w: x.prod() + A[0].prod()),
     ("dot(cumsum(x), w) + [1 2 3]*cumprod(A(:, 3))", lambda x, A, w: x.cumsum() @ w + A[:, 2].cumprod() @ [1, 2, 3]),
     ("mean(x) + 10*mean(A(2, :)) + mean(mean(A))", lambda x, A, w: x.mean() + 10 * A[1].mean() + A.mean()),
@@ -87,6 +94,9 @@ NUMBERS = [
      10 + 2 * x[0] + x[1] + 3),
     ("bitand(13, 6) + bitor(8, 3) + bitxor(7, 2) + bitshift(3, 2) + bitshift(9, -1) + bitget(5, 3) + bitset(1, 2)",
      lambda x, A, w: 4 + 11 + 5 + 12 + 4 + 1 + 3),
+    ("bitand(round(50*u), round(50*v)) + bitor(round(50*u), round(50*v)) + bitxor(round(50*u), round(50*v))",
+     lambda x, A, w: sum(op(int(np.round(50 * x[0])), int(np.round(50 * x[1]))) for op in (and_, or_, xor))),
+    ("isnan(bitand(2^33 + round(u), 2^33 + round(v)))", lambda x, A, w: 1),
     ("bitand(floor(100*abs(u)), floor(100*abs(v))) + bitor(floor(9*abs(u)), 5) + bitxor(floor(9*abs(u)), 12)",
      lambda x, A, w: (int(100 * abs(x[0])) & int(100 * abs(x[1]))) + (int(9 * abs(x[0])) | 5)
      + (int(9 * abs(x[0])) ^ 12)),
@@ -157,6 +167,14 @@ def placed(u, v):
     return x @ [1, 2, 3, 4, 5]
 
 
+def placed_or_not(u, v):
+    x, _, _ = arrays(u, v)
+    at = round(3 * u)
+    if 1 <= at <= 5:
+        x[at - 1] = 7
+    return x @ [1, 2, 3, 4, 5]
+
+
 def chosen_row(u, v):
     _, matrix, _ = arrays(u, v)
     matrix[min(round(abs(u)), 2)] = [u, 5, v]
@@ -167,8 +185,11 @@ STATEMENTS = [
     ("[a, i] = max(x);\n[~, j] = min(A);\ny = a + 10*i + j*[1; 10; 100];", extremes),
     ("[~, i] = sort(x);\ny = [1 10 100 1000 10000]*i + w(i(1));", ordered),
     ("x(x > 0.5) = 2*x(x > 0.5) + 1;\nx(x < -0.5) = -x(x < -0.5);\ny = (1:5)*x;", lambda u, v: doubled_twice(u, v)),
+    ("m(2) = u > 0;\nm(1) = true;\nz = [5 7];\nz(m) = 0;\ny = z*[1; 10];", lambda u, v: 0 if u > 0 else 70),
+    ("x(x > 0.5) = min(x(x > 0.5), 1);\ny = (1:5)*x;", lambda u, v: np.minimum(arrays(u, v)[0], 1) @ [1, 2, 3, 4, 5]),
     ("m = abs(x) > 1;\nx(m) = 0;\ny = sum(x);", lambda u, v: sum(a for a in arrays(u, v)[0] if abs(a) <= 1)),
     ("k = min(round(abs(u)), 3) + 1;\nx(k) = 7;\nx(k + 1) = v;\ny = (1:5)*x;", placed),
+    ("x(round(3*u)) = 7;\ny = (1:5)*x;", placed_or_not),
     ("k = min(round(abs(u)), 3) + 1;\nx(k:k + 1) = [7 v];\ny = (1:5)*x;", placed),
     ("k = min(round(abs(u)), 2) + 1;\nA(k, :) = [u 5 v];\ny = [1 2 3]*(A*[1; 10; 100]);", chosen_row),
     ("z = [];\nfor k = 1:4\n z(end + 1) = k*u;\nend\ny = sum(z) + numel(z);", lambda u, v: 10 * u + 4),
@@ -237,6 +258,12 @@ def test_derivatives_of_functions(text, tmp_path):
         ("y = numel(find([u v] > 0));", "depends on signals"),
         ("x = [u v];\ny = sum(x(x > 0));", "a mask on x that depends on signals"),
         ("x = [u v];\nx(x > 0) = sum(x(x > 0));\ny = sum(x);", "not used one by one"),
+        ("x = [u v];\nx(x > 0) = min(x(x > 0));\ny = sum(x);", "not used one by one"),
+        ("x = [u v];\nf = @(z) sum(z);\nx(x > 0) = f(x(x > 0));\ny = sum(x);", "not used one by one"),
+        ("y = sum([u v], 'omitnan');", "'omitnan' is not supported"),
+        ("y = trapz([u v; 1 2]);", "trapz: of a matrix"),
+        ("y = filter(1, [1 -0.5], [u v; 1 2]);", "filter: of a matrix"),
+        ("y = nthroot(u, 0);", "a root of degree 0"),
         ("y = zeros(u);", "a size depends on signals"),
         ("y = bitand(-1, 5);", "negative or not whole"),
         ("y = struct('a', {{1, 2}}, 'b');", "a field has no value"),
@@ -247,3 +274,10 @@ def test_derivatives_of_functions(text, tmp_path):
 def test_functions_that_cannot_be_are_told(text, told, tmp_path):
     with pytest.raises(InputError, match=told):
         imported(function(body(text)), tmp_path)
+
+
+def test_the_slope_of_asinh_at_zero_is_one(tmp_path):
+    model = imported(function("function y = f(u, v, K)\ny = asinh(K*u) + asinh(K*v);\n"), tmp_path,
+                     parameters=[{"K": 0.0}])  # fmt: skip
+    exact, _ = slopes(model, {"u": U, "v": -U / 2}, "K", "y1")
+    np.testing.assert_allclose(exact[:, 0], U / 2)

@@ -94,6 +94,7 @@ class _Parser(Expressions):
         super().__init__(text, kept, name)
         self.findings: list[Finding] = []
         self.blocks = 0
+        self.unclosed: list[tuple[str, Token]] = []  # functions without end so far, with the one that begins in them
 
     def pass_stops(self) -> None:
         while self.token.kind == Kind.STOP:
@@ -168,8 +169,15 @@ class _Parser(Expressions):
             return Jump(word, place=place)
         if word in ("global", "persistent"):
             return self._declaration(place)
+        if word == "end" and self.unclosed:
+            raise self._nested(*self.unclosed.pop())
         what = f"{word} opens no block" if word in _CLAUSES else f"{word} is not read"
         raise self.fail(what, "Remove it." if word == "end" else "")
+
+    def _nested(self, outer: str, inner: Token) -> MatlabError:
+        """The end of a function behind that of another one, which therefore stands within it."""
+        what = f"a function stands within the function {outer}; nested functions are not supported"
+        return self.fail(what, f"Move it behind the end of {outer}, and give it what it needs as arguments.", inner)
 
     def _block(self, read: Callable[[Place], Statement], place: Place) -> Statement:
         opening = self.take()
@@ -331,7 +339,8 @@ class _Parser(Expressions):
         parameters = self.parameters() if self.is_operator("(") else ()
         self._finished()
         body = self.body(frozenset({"function", "end"}))
-        self._is_keyword("end")
+        if not self._is_keyword("end") and self.token.kind == Kind.KEYWORD:
+            self.unclosed.append((name, self.token))
         return FunctionDefinition(name, parameters, results, body, place=place)
 
     def _results(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.code.conditions import both, either
+from kennfeld.models.simulink.code.conditions import both, either, truth_of
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.fixed import fixed_result
 from kennfeld.models.simulink.code.functions import LIBRARY
@@ -193,7 +193,7 @@ class Calls:
         else:
             body.decide(first, lambda: None, more)
             made = either(self.loom, first, found[0]) if found else self.loom.const(1.0)
-        return truths(np.array([[made]], dtype=np.int64))
+        return truths(np.array([[truth_of(self.loom, made)]], dtype=np.int64))
 
     # arrays
 
@@ -341,8 +341,15 @@ class Calls:
         if name == "isempty" and len(arguments) == 1 and isinstance(arguments[0], m.Name):
             return self._is_empty(arguments[0].name)
         if name == "exist" and arguments and isinstance(arguments[0], m.Text):
-            return (constants(self.loom, float(arguments[0].value in self.body.names)),)
+            return (self._exists(arguments[0].value),)
         return None
+
+    def _exists(self, name: str) -> Held:
+        """Whether there is a variable of a name, which may depend on a decision."""
+        held = self.body.names.get(name)
+        if isinstance(held, Partial) and name not in self.body.frame.persistent:
+            return np.array([[held.defined]], dtype=np.int64)
+        return constants(self.loom, float(held is not None))
 
     def _is_empty(self, name: str) -> tuple[Held, ...] | None:
         held = self.body.names.get(name)

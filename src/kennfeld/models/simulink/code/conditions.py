@@ -1,13 +1,23 @@
 """Conditions as nodes, simplified where that is simple, and what is known of them along a path of decisions."""
 
 from collections.abc import Mapping
+from typing import Final
 
 from kennfeld.models.formula.functions import Loom
 
-__all__ = ["assumed", "both", "either", "known", "negated"]
+__all__ = ["TRUTHS", "assumed", "both", "either", "known", "negated", "truth_of"]
 
+TRUTHS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})  # operations that give 1 or 0
 _DEEPEST = 40
 _MOST = 200  # conditions that are looked at for one
+
+
+def truth_of(loom: Loom, node: int) -> int:
+    """A condition as 1 or 0: whatever is not 0 holds."""
+    value = loom.value(node)
+    if value is not None:
+        return loom.const(float(value != 0))
+    return node if loom.nodes[node].op in TRUTHS else loom.call("ne", node, loom.const(0.0))
 
 
 def negated(loom: Loom, node: int) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.errors import CodeError
+from kennfeld.models.simulink.code.limits import away_from_zero
 from kennfeld.models.simulink.code.values import (
     EMPTY,
     Cells,
@@ -154,7 +155,7 @@ def _place(calls: "Calls", held: Held, size: int, what: str) -> Place:
     flat = numbers.ravel(order="F")
     if not np.all(np.isfinite(flat)):
         raise CodeError(f"the place {flat[~np.isfinite(flat)][0]:g} in {what} is no whole number")
-    return None, [int(at) - 1 for at in np.round(flat)]
+    return None, [int(away_from_zero(at)) - 1 for at in flat]
 
 
 def _within(at: list[int], size: int, array: Nodes, what: str) -> None:
@@ -258,10 +259,11 @@ def _with_elements(calls: "Calls", held: Held | None, trees: Sequence[m.Expressi
     if isinstance(held, Truths) and not isinstance(new, Truths):
         new = truths(each(calls.loom, "ne", new, constants(calls.loom, 0.0)))
     places = calls.arguments(old, trees)
-    if new.size == 0 and all(one is not None for one in places):
+    if new.size == 0:
         raise CodeError("elements are deleted, which is not supported")
     made = _written(calls, np.asarray(old), places, np.asarray(new))
-    return truths(made) if isinstance(old, Truths) and isinstance(new, Truths) and old.size else made
+    logical = isinstance(new, Truths) and (held is None or (isinstance(held, Truths) and held.size > 0))
+    return truths(made) if logical else made
 
 
 def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Nodes:
@@ -345,7 +347,10 @@ def _grown(calls: "Calls", old: Nodes, places: list[list[int]]) -> Nodes:
 
 
 def _chosen(calls: "Calls", old: Nodes, places: list[Place], new: int) -> Nodes:
-    """One element at a place that depends on signals: each element is the new one where the place is its own."""
+    """One element at a place that depends on signals: each is the new one where the place is its own.
+
+    Where the place is none of the array, as MATLAB stops there, nothing changes.
+    """
     loom = calls.loom
     shape, whole = old.shape, old.ravel(order="F") if len(places) == 1 else _folded(old, len(places))
     calls.desk.room(whole.size)

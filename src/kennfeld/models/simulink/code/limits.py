@@ -5,8 +5,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.code.conditions import TRUTHS
 
-__all__ = ["Limits", "limits_of", "most_of"]
+__all__ = ["Limits", "away_from_zero", "limits_of", "most_of"]
 
 _DEEPEST = 30
 
@@ -18,10 +19,7 @@ class Limits(NamedTuple):
     high: float = math.inf
 
 
-_TRUTHS = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
-
-
-def _away(x: float) -> float:
+def away_from_zero(x: float) -> float:
     """The nearest whole number, of two equally near the one farther from 0."""
     return math.copysign(math.floor(abs(x) + 0.5), x)
 
@@ -29,7 +27,7 @@ def _away(x: float) -> float:
 _RISING: dict[str, Callable[[float], float]] = {
     "floor": math.floor,
     "ceil": math.ceil,
-    "round": _away,
+    "round": away_from_zero,
 }
 
 
@@ -58,7 +56,7 @@ class _Search:
         op, args, payload = self.loom.nodes[node]
         if op == "const":
             return Limits(payload, payload)
-        if op in _TRUTHS or op == "sign":
+        if op in TRUTHS or op == "sign":
             return Limits(-1.0 if op == "sign" else 0.0, 1.0)
         if depth > _DEEPEST:
             return Limits()

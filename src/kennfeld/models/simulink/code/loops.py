@@ -15,15 +15,17 @@ from kennfeld.models.simulink.code.desk import MOST_PASSES
 from kennfeld.models.simulink.code.errors import CodeError, EndedError
 from kennfeld.models.simulink.code.joining import State, joined
 from kennfeld.models.simulink.code.limits import most_of
-from kennfeld.models.simulink.code.values import Truths, constants
-from kennfeld.models.simulink.expressions.arrays import each
+from kennfeld.models.simulink.code.ranges import distance, steps_within
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.body import Body
 
 __all__ = ["Loops"]
 
-Begin: TypeAlias = Callable[[int], int | None]  # the condition of a pass by its number; None after the last one
+# the condition under which a pass is made, and what the variable of the loop is in it, which a while has not
+Turn: TypeAlias = tuple[int, Nodes | None]
+Begin: TypeAlias = Callable[[int], Turn | None]  # a pass by its number; None after the last one
 
 _PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
 
@@ -34,12 +36,12 @@ class Loops:
     def __init__(self, body: "Body") -> None:
         self.body, self.desk, self.loom = body, body.desk, body.loom
 
-    def _repeat(self, begin: Begin, body: Sequence[m.Statement]) -> None:
-        """Passes of a loop one within the other; `begin` gives the condition of a pass, None after the last one."""
+    def _repeat(self, begin: Begin, body: Sequence[m.Statement], target: m.Expression | None = None) -> None:
+        """Passes of a loop one within the other, each of which gives the variable of the loop its value."""
         outside: list[tuple[int, State]] = []
         try:
             for number in count():
-                if not self._pass(begin, number, body, outside):
+                if not self._pass(begin, number, body, outside, target):
                     break
         except EndedError:  # the last pass that was entered by a decision is never taken
             if not outside:
@@ -51,12 +53,21 @@ class Loops:
             self.body.state = joined(self.loom, condition, self.body.state, no, before)
         self.body.state.jumps.pop("break", None)
 
-    def _pass(self, begin: Begin, number: int, body: Sequence[m.Statement], outside: list[tuple[int, State]]) -> bool:
+    def _pass(
+        self,
+        begin: Begin,
+        number: int,
+        body: Sequence[m.Statement],
+        outside: list[tuple[int, State]],
+        target: m.Expression | None,
+    ) -> bool:
         """One pass; false where it was the last one."""
         self.desk.step()
-        condition = begin(number)
-        if condition is None or not self._enter(condition, outside):
+        turn = begin(number)
+        if turn is None or not self._enter(turn[0], outside):
             return False
+        if turn[1] is not None:
+            self.body.assign(target, turn[1])
         self.body.run(body)
         self.body.state.jumps.pop("continue", None)
         going = self.body.going()
@@ -81,86 +92,68 @@ class Loops:
     def as_long_as(self, condition: m.Expression, body: Sequence[m.Statement]) -> None:
         """Run statements as long as a condition holds."""
 
-        def begin(number: int) -> int:
+        def begin(number: int) -> Turn:
             found = self.body.truth(self.body.value(condition))
             fixed = self.desk.numbers(np.array([found], dtype=np.int64), "the condition of a loop")
             if fixed is None and number > MOST_PASSES:
                 raise CodeError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
-            return found if fixed is None else self.loom.const(float(fixed.item() != 0))
+            return found if fixed is None else self.loom.const(float(fixed.item() != 0)), None
 
         self._repeat(begin, body)
 
     def over(self, target: m.Expression, values: m.Expression, body: Sequence[m.Statement]) -> None:
         """Run statements for each number of a range, or each column of an array."""
-        if isinstance(values, m.Range):
-            self._repeat(self._counting(target, values), body)
-            return
+        begin = self._along_range(values) if isinstance(values, m.Range) else self._along_columns(values)
+        self._repeat(begin, body, target)
+
+    def _along_columns(self, values: m.Expression) -> Begin:
         whole = self.body.nodes(values, "what a loop runs over")
-        columns = iter([column.reshape(-1, 1) for column in whole.T] if whole.size else [])
+        columns: Sequence[Nodes] = list(whole.reshape(whole.shape[0], -1, order="F").T) if whole.size else []
 
-        def begin(number: int) -> int | None:
-            column = next(columns, None)
-            if column is None:
+        def begin(number: int) -> Turn | None:
+            return (self.loom.const(1.0), columns[number].reshape(-1, 1)) if number < len(columns) else None
+
+        return begin
+
+    def _along_range(self, values: m.Range) -> Begin:
+        """The passes over a range; where its length depends on signals, as many as its limits allow."""
+        first, last = self._end(values.first), self._end(values.last)
+        step = self._step(values)
+        span = distance(self.body.calls, first, last)
+        passes = steps_within(self.body.calls, self._longest(first, last, step) if span is None else span, step)
+        fixed, loom = self.desk.constant(first), self.loom
+        start = first if fixed is None else loom.const(fixed)
+
+        def begin(number: int) -> Turn | None:
+            if number >= passes:
                 return None
-            self.body.assign(target, column.view(Truths) if isinstance(whole, Truths) else column)
-            return self.loom.const(1.0)
+            at = loom.call("add", start, loom.const(number * step))
+            within = loom.call("le" if step > 0 else "ge", at, last) if span is None else loom.const(1.0)
+            return within, np.array([[at]], dtype=np.int64)
 
-        self._repeat(begin, body)
+        return begin
 
-    def _counting(self, target: m.Expression, values: m.Range) -> Begin:
-        """The passes over a range, whose end may depend on signals where a limit of it is known."""
-        first, step = self._fixed(values.first), self._fixed(values.step or m.Number(1.0))
-        end = self.body.nodes(values.last, "the end of a range")
-        if first is None or step is None or not step or end.size != 1:
-            return self._walking(target, values)
-        last, loom = int(end.item()), self.loom
-        fixed = self.desk.numbers(end, "the end of a loop")
-        limit = float(fixed.item()) if fixed is not None else most_of(loom, last, step > 0)
-        if not np.isfinite(limit):
+    def _end(self, tree: m.Expression) -> int:
+        nodes = self.body.nodes(tree, "the end of a range")
+        if nodes.size != 1:
+            raise CodeError("a loop over a range from or to an array")
+        self.desk.numbers(nodes, "the end of a loop")
+        return int(nodes.item())
+
+    def _step(self, values: m.Range) -> float:
+        if values.step is None:
+            return 1.0
+        found = self.desk.numbers(self.body.nodes(values.step), "the step of a loop")
+        if found is None or found.size != 1:
+            raise CodeError("a loop over a range whose step depends on signals", _PASSES)
+        return float(found.item())
+
+    def _longest(self, first: int, last: int, step: float) -> float:
+        """How far it can be from the first to the last number of a range, by their limits."""
+        up = step > 0
+        found = most_of(self.loom, last, up) - most_of(self.loom, first, not up)
+        if not np.isfinite(found):
             raise CodeError(
                 "a loop to an end that depends on signals, without a limit", f"Write min(..., N). {_PASSES}"
             )
-        passes = int(np.floor((limit - first) / step * (1 + 1e-12) + 1e-10)) + 1
-        self.desk.room(passes)
-
-        def begin(number: int) -> int | None:
-            if number >= passes:
-                return None
-            at = loom.const(first + number * step)
-            holds = loom.call("le" if step > 0 else "ge", at, last) if fixed is None else loom.const(1.0)
-            self.body.assign(target, np.array([[at]], dtype=np.int64))
-            return holds
-
-        return begin
-
-    def _walking(self, target: m.Expression, values: m.Range) -> Begin:
-        """The passes over a range whose beginning depends on signals: its ends tell how many there are at most."""
-        first, last = (self.body.nodes(part, "the end of a range") for part in (values.first, values.last))
-        step = self._fixed(values.step or m.Number(1.0))
-        if first.size != 1 or last.size != 1 or not step:
-            raise CodeError("a loop over a range whose step depends on signals", _PASSES)
-        loom, up = self.loom, step > 0
-        span = (most_of(loom, int(last.item()), up) - most_of(loom, int(first.item()), not up)) / step
-        fixed = each(loom, "sub", last, first)
-        known_span = self.desk.constant(int(fixed.item()))
-        passes = (
-            int(np.floor((known_span / step if known_span is not None else span) + 1e-10)) + 1
-            if (known_span is not None or np.isfinite(span))
-            else -1
-        )
-        if passes < 0 and known_span is None:
-            raise CodeError("a loop over a range that depends on signals, without limits", _PASSES)
-
-        def begin(number: int) -> int | None:
-            if number >= passes:
-                return None
-            at = each(loom, "add", first, constants(loom, number * step))
-            self.body.assign(target, at)
-            return int(each(loom, "le" if up else "ge", at, last).item())
-
-        return begin
-
-    def _fixed(self, tree: m.Expression) -> float | None:
-        nodes = self.body.nodes(tree, "the end of a range")
-        found = self.desk.numbers(nodes, "a range") if nodes.size == 1 else None
-        return float(found.item()) if found is not None else None
+        return found

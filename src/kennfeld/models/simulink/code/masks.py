@@ -11,7 +11,7 @@ import numpy as np
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.functions.elementwise import EACH_ALONE
-from kennfeld.models.simulink.code.values import Held, Truths, array_of, truths
+from kennfeld.models.simulink.code.values import Handle, Held, Truths, array_of, truths
 from kennfeld.models.simulink.expressions.arrays import each
 
 if TYPE_CHECKING:
@@ -76,8 +76,11 @@ def _alone(calls: "Calls", tree: m.Expression) -> bool:
             return _alone(calls, operand)
         case m.Binary(operator, left, right):
             return operator in _OPERATORS and _alone(calls, left) and _alone(calls, right)
+        case m.Call(m.Name(name), arguments) if name in calls.body.names:
+            return not isinstance(calls.body.names[name], Handle)
         case m.Call(m.Name(name), arguments):
-            return name in calls.body.names or (name in EACH_ALONE and all(_alone(calls, one) for one in arguments))
+            alone = name in EACH_ALONE or (name in ("min", "max") and len(arguments) == 2)
+            return alone and all(_alone(calls, one) for one in arguments)
     return False
 
 

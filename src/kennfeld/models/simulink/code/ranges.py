@@ -14,7 +14,7 @@ from kennfeld.models.simulink.expressions.signals import Nodes
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls
 
-__all__ = ["spaced"]
+__all__ = ["distance", "spaced", "steps_within"]
 
 
 def spaced(calls: "Calls", tree: m.Range) -> Nodes:
@@ -26,27 +26,30 @@ def spaced(calls: "Calls", tree: m.Range) -> Nodes:
     step = 1.0 if tree.step is None else calls.number(tree.step, "the step of a range")
     if first.size != 1 or last.size != 1:
         raise CodeError("a range from or to an array")
-    ends = calls.desk.numbers(np.concatenate([first, last]), "the ends of a range")
-    if ends is not None:
-        begin, span = float(ends.ravel()[0]), float(ends.ravel()[1] - ends.ravel()[0])
-        return constants(calls.loom, begin + step * np.arange(_count(calls, span, step)).reshape(1, -1))
-    distance = _distance(calls, int(first.item()), int(last.item()))
-    if distance is None:
+    calls.desk.numbers(np.concatenate([first, last]), "the ends of a range")
+    span = distance(calls, int(first.item()), int(last.item()))
+    if span is None:
         raise CodeError("the length of a range depends on signals", "Loop over fixed numbers, with if within.")
-    steps = constants(calls.loom, step * np.arange(_count(calls, distance, step)).reshape(1, -1))
-    return each(calls.loom, "add", first, steps)
+    begin, count = calls.desk.constant(int(first.item())), steps_within(calls, span, step)
+    if begin is not None:
+        return constants(calls.loom, begin + step * np.arange(count).reshape(1, -1))
+    return each(calls.loom, "add", first, constants(calls.loom, step * np.arange(count).reshape(1, -1)))
 
 
-def _count(calls: "Calls", span: float, step: float) -> int:
+def steps_within(calls: "Calls", span: float, step: float) -> int:
+    """How many numbers a range has that goes so far; refused where no model has room for them."""
     steps = span / step if step else -1.0
     if math.isnan(steps):
         raise CodeError("the ends of a range are no numbers")
-    calls.desk.room(abs(steps))
-    return max(math.floor(steps * (1 + 1e-12) + 1e-10) + 1, 0)
+    calls.desk.room(steps)
+    return math.floor(steps * (1 + 1e-12) + 1e-10) + 1 if steps > -1 else 0
 
 
-def _distance(calls: "Calls", first: int, last: int) -> float | None:
-    """How far two nodes are from each other where both are the same signal plus fixed numbers."""
+def distance(calls: "Calls", first: int, last: int) -> float | None:
+    """How far it is from one node to another, where that is fixed: both are, or the same signal plus fixed numbers."""
+    begin, end = calls.desk.constant(first), calls.desk.constant(last)
+    if begin is not None and end is not None:
+        return end - begin
     (base, offset), (other, more) = _offset(calls, first), _offset(calls, last)
     return more - offset if base == other else None
 

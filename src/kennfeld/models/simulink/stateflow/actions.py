@@ -1,7 +1,9 @@
 """The code in labels as statements and expressions of `kennfeld.matlab.syntax`, of both action languages."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from typing import Any
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
@@ -9,7 +11,7 @@ from kennfeld.matlab.parser import parse_expression, parse_script
 from kennfeld.models.simulink.stateflow.clanguage import CError, c_expression, c_statements
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
-__all__ = ["Language", "calls_in", "names_in", "within"]
+__all__ = ["Language", "calls_in", "changed", "within"]
 
 _STEP = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*(\+\+|--)[ \t]*(?=$|[;,\n])")
 _CHANGE = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*([-+*/])=(?!=)([^;\n]*)")
@@ -73,13 +75,20 @@ def within(tree: object) -> Iterator[m.Expression]:
             waiting += [getattr(one, name) for name in reversed(list(one.__dataclass_fields__))]
 
 
+def changed(tree: m.Expression, change: Callable[[m.Expression], m.Expression]) -> m.Expression:
+    """An expression whose parts are replaced by what a function makes of them."""
+    parts = {one.name: _changed(getattr(tree, one.name), change) for one in fields(tree) if one.name != "place"}
+    return replace(tree, **parts)
+
+
+def _changed(part: Any, change: Callable[[m.Expression], m.Expression]) -> Any:
+    if isinstance(part, tuple):
+        return tuple(_changed(one, change) for one in part)
+    return change(part) if isinstance(part, m.Expression) else part
+
+
 def calls_in(tree: object) -> Iterator[tuple[str, tuple[m.Expression, ...]]]:
     """The names that are called in expressions or statements, with their arguments."""
     for one in within(tree):
         if isinstance(one, m.Call) and isinstance(one.of, m.Name):
             yield one.of.name, one.arguments
-
-
-def names_in(tree: object) -> Iterator[str]:
-    """All names in expressions or statements."""
-    return (one.name for one in within(tree) if isinstance(one, m.Name))

@@ -1,15 +1,18 @@
-"""Elements of a chart's arrays, read and written; a place that changes is a choice between all elements."""
+"""Elements of a chart's arrays, read and written; a place that changes is a choice between all elements.
+
+Beyond the array, where a chart would stop, there is not a number to read, and nothing is written.
+"""
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.simulink.expressions.arrays import fold
+from kennfeld.models.simulink.expressions.arrays import each, fold
 from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.stateflow.actions import changed
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.guards import Guard
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
@@ -34,24 +37,24 @@ class Elements:
         """Elements of a variable."""
         array = self.variables.get(key, guard)
         places = self._places(array.shape, indices, context, guard)
-        fixed = self._fixed(places)
         try:
+            fixed = self._fixed(places)
             if fixed is not None:
                 return _taken(array, fixed)
         except IndexError:
             raise UnsupportedError(f"{context.place}: it takes elements of {key} that are not there") from None
-        found = array.ravel()[0]
+        found = self.loom.const(math.nan)
         for where, element in self._elements(array, places, context):
-            found = self.loom.call("select", where, int(element), int(found))
-        return np.array([[int(found)]], dtype=np.int64)
+            found = self.loom.call("select", where, element, found)
+        return np.array([[found]], dtype=np.int64)
 
     def set(self, key: str, indices: tuple[m.Expression, ...], new: Nodes, context: Context, guard: Guard) -> None:
         """Give elements of an array a value."""
         array = self.variables.get(key, guard)
         places = self._places(array.shape, indices, context, guard)
-        fixed = self._fixed(places)
         made = array.copy()
         try:
+            fixed = self._fixed(places)
             if fixed is not None:
                 _put(made, fixed, new)
                 return self.variables.set(key, made, guard)
@@ -60,7 +63,7 @@ class Elements:
         if new.size != 1:
             raise UnsupportedError(f"{context.place}: it assigns to several elements of {key} that change")
         changed = [
-            self.loom.call("select", where, int(new.item()), int(element))
+            self.loom.call("select", where, int(new.item()), element)
             for where, element in self._elements(array, places, context)
         ]
         return self.variables.set(key, np.array(changed, dtype=np.int64).reshape(array.shape), guard)
@@ -74,11 +77,27 @@ class Elements:
             raise UnsupportedError(f"{context.place}: it indexes with {len(indices)} numbers")
         for axis, index in enumerate(indices):
             size = math.prod(shape) if len(indices) == 1 else shape[axis]
-            found.append(None if isinstance(index, m.Colon) else self.values.nodes(_ended(index, size), context, guard))
+            if isinstance(index, m.Colon):
+                found.append(None)
+            else:
+                found.append(self._place(self._ended(index, size, context), context, guard))
         return found
 
+    def _ended(self, index: m.Expression, size: int, context: Context) -> m.Expression:
+        """An index in which `end` is a number, but not within an index of another array."""
+        if isinstance(index, m.End):
+            return m.Number(float(size))
+        if isinstance(index, m.Call) and self.values.key_of(index.of, context) is not None:
+            return index
+        return changed(index, lambda part: self._ended(part, size, context))
+
+    def _place(self, index: m.Expression, context: Context, guard: Guard) -> Nodes:
+        """The nodes of an index, made whole as its language does."""
+        whole = "floor" if self.values.diagram.language.name == "C" else "round"
+        return each(self.loom, whole, self.values.nodes(index, context, guard))
+
     def _fixed(self, places: Sequence[Nodes | None]) -> list[list[int] | None] | None:
-        """The indices as numbers counted from 0; None where one changes."""
+        """The indices as numbers counted from 0; None where one changes. Raises `IndexError` where one is no number."""
         found: list[list[int] | None] = []
         for place in places:
             if place is None:
@@ -87,6 +106,8 @@ class Elements:
             numbers = [self.loom.value(int(node)) for node in place.ravel()]
             if None in numbers:
                 return None
+            if not np.all(np.isfinite(np.array(numbers, dtype=np.float64))):
+                raise IndexError
             found.append([int(number or 0) - 1 for number in numbers])
         return found
 
@@ -104,17 +125,6 @@ class Elements:
             ]
             made.append((fold(self.loom, "and", equal), int(array[at])))
         return made
-
-
-def _ended(index: m.Expression, size: int) -> Any:
-    """An index in which `end` is a number."""
-    if isinstance(index, m.End):
-        return m.Number(float(size))
-    if isinstance(index, m.Binary):
-        return replace(index, left=_ended(index.left, size), right=_ended(index.right, size))
-    if isinstance(index, m.Range):
-        return replace(index, first=_ended(index.first, size), last=_ended(index.last, size))
-    return index
 
 
 def _flat(indices: list[int], shape: tuple[int, ...]) -> tuple[Any, ...]:

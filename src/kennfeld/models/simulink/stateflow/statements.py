@@ -1,7 +1,9 @@
 """The statements of a chart's code, each run under a guard; both sides of a decision are built, loops unrolled."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine
 
 __all__ = ["Statements"]
+
+Condition: TypeAlias = Callable[[Context, Guard], int]  # the node of a condition, asked where a guard holds
 
 _SHOWN = frozenset({"disp", "display", "printf", "fprintf", "sprintf", "warning", "error", "assert"})
 
@@ -43,7 +47,10 @@ class Statements:
             if guard is None:
                 return None
             self.machine.work()
+            sent = self.machine.events.sent
             guard = self._statement(statement, context, guard)
+            if guard is not None and self.machine.events.sent != sent:
+                guard = context.alive(guard)
         return guard
 
     def function(self, body: tuple[m.Statement, ...], context: Context, guard: Guard) -> Guard | None:
@@ -118,14 +125,12 @@ class Statements:
         sent = self.values.event(tree, context)
         if sent is not None:
             self.machine.events.send(sent[0], sent[1], context, guard)
-            return context.alive(guard)
+            return guard
         name = tree.of.name if isinstance(tree, m.Call) and isinstance(tree.of, m.Name) else ""
         function = self.values.diagram.function(name, context.scope)
         if function is not None and isinstance(tree, m.Call):
             given = self.values.given(tree.arguments, context, guard)
-            sent_before = self.machine.events.sent
-            after = self.machine.functions.call(function, given, context, guard)[1]
-            return context.alive(after) if after is not None and self.machine.events.sent != sent_before else after
+            return self.machine.functions.call(function, given, context, guard)[1]
         if name in _SHOWN:
             return guard
         what = name or (tree.name if isinstance(tree, m.Name) else "an expression")
@@ -140,19 +145,8 @@ class Statements:
         context: Context,
         guard: Guard,
     ) -> Guard | None:
-        ways: list[tuple[Guard | None, Guard | None]] = []
-        left: Guard | None = guard
-        for branch in branches:
-            if left is None:
-                break
-            condition = self.values.one(branch.condition, context, left)
-            begun = self.logic.where(left, condition)
-            ways.append((begun, self.run(branch.body, context, begun)))
-            left = self.logic.where(left, condition, holds=False)
-        ways.append((left, self.run(otherwise, context, left)))
-        if all(begun is end for begun, end in ways):  # no side was left early
-            return guard
-        return self.logic.either([end for _, end in ways])
+        made = [(partial(self.values.one, branch.condition), branch.body) for branch in branches]
+        return self._decide(made, otherwise, context, guard)
 
     def _switch(
         self,
@@ -162,15 +156,43 @@ class Statements:
         context: Context,
         guard: Guard,
     ) -> Guard | None:
-        made = []
-        for case in cases:
-            condition = case.condition
-            many = [one for row in condition.rows for one in row] if isinstance(condition, m.CellArray) else [condition]
-            tree: m.Expression = m.Binary("==", subject, many[0])
-            for one in many[1:]:
-                tree = m.Binary("||", tree, m.Binary("==", subject, one))
-            made.append(m.Branch(tree, case.body))
-        return self._if(tuple(made), otherwise, context, guard)
+        chosen = self.values.nodes(subject, context, guard)
+        made = [(partial(self._matches, chosen, case.condition), case.body) for case in cases]
+        return self._decide(made, otherwise, context, guard)
+
+    def _matches(self, subject: Nodes, case: m.Expression, context: Context, guard: Guard) -> int:
+        """Whether a case, or one of several in curly brackets, is that of a switch."""
+        several = case.rows if isinstance(case, m.CellArray) else ((case,),)
+        found = self.values.loom.const(0.0)
+        for one in (one for row in several for one in row):
+            value = self.values.nodes(one, context, guard)
+            if subject.size != 1 or value.size != 1:
+                raise UnsupportedError(f"{context.place}: switch decides on several elements")
+            equal = self.values.loom.call("eq", int(subject.item()), int(value.item()))
+            found = self.values.loom.call("or", found, equal)
+        return found
+
+    def _decide(
+        self,
+        ways: Sequence[tuple[Condition, tuple[m.Statement, ...]]],
+        otherwise: tuple[m.Statement, ...],
+        context: Context,
+        guard: Guard,
+    ) -> Guard | None:
+        """Run the first statements whose condition holds, else the others."""
+        ends: list[tuple[Guard | None, Guard | None]] = []
+        left: Guard | None = guard
+        for condition, body in ways:
+            if left is None:
+                break
+            holds = condition(context, left)
+            begun = self.logic.where(left, holds)
+            ends.append((begun, self.run(body, context, begun)))
+            left = self.logic.where(left, holds, holds=False)
+        ends.append((left, self.run(otherwise, context, left)))
+        if all(begun is end for begun, end in ends):  # no side was left early
+            return guard
+        return self.logic.either([end for _, end in ends])
 
     # loops
 

@@ -5,8 +5,8 @@ graph nodes like any other.
 """
 
 import math
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from kennfeld.models.simulink.expressions.expressions import Expressions
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.expressions.struct_parts import way_of
-from kennfeld.models.simulink.stateflow.actions import within
+from kennfeld.models.simulink.stateflow.actions import changed, within
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, State
 from kennfeld.models.simulink.stateflow.elements import Elements
@@ -92,21 +92,15 @@ class Values:
 
     # what only charts know
 
-    def _plain(self, tree: Any, context: Context, guard: Guard, taken: dict[str, Nodes]) -> Any:
+    def _plain(self, tree: m.Expression, context: Context, guard: Guard, taken: dict[str, Nodes]) -> m.Expression:
         """A tree in which names stand for what only charts know."""
-        if isinstance(tree, tuple):
-            return tuple(self._plain(one, context, guard, taken) for one in tree)
-        if not isinstance(tree, m.Expression):
-            return tree
         nodes = self._own(tree, context, guard)
         if nodes is not None:
             name = f"#{len(taken)}"
             taken[name] = nodes
             return m.Name(name, place=tree.place)
-        if isinstance(tree, m.Call):
-            return replace(tree, arguments=self._plain(tree.arguments, context, guard, taken))
-        changed = {one.name: getattr(tree, one.name) for one in fields(tree) if one.name != "place"}
-        return replace(tree, **{key: self._plain(value, context, guard, taken) for key, value in changed.items()})
+        called = tree.of if isinstance(tree, m.Call) else None  # a function, which is no variable
+        return changed(tree, lambda one: one if one is called else self._plain(one, context, guard, taken))
 
     def _own(self, tree: m.Expression, context: Context, guard: Guard) -> Nodes | None:
         """The nodes of what only charts know; None for all else."""

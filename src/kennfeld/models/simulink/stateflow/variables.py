@@ -1,5 +1,6 @@
 """The variables of a chart while one step of it is followed."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -42,11 +43,10 @@ class Variables:
         return self.logic.simple(int(self.values[key].ravel()[0]), guard)
 
     def set(self, key: str, new: Nodes, guard: Guard) -> None:
-        """Give a variable a value where a guard holds; a scalar fills an array."""
+        """Give a variable a value where a guard holds; a scalar fills an array, a new one is no number elsewhere."""
         old = self.values.get(key)
         if old is None:
-            self.values[key] = new
-            return
+            old = np.full(new.shape, self.logic.loom.const(math.nan), dtype=np.int64)
         if new.shape != old.shape:
             new = self._fitted(key, new, old.shape)
         self.values[key] = self.logic.chosen(guard, new, old)

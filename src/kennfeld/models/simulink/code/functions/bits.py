@@ -1,4 +1,4 @@
-"""Functions of the bits of whole numbers that are not negative."""
+"""Functions of the bits of whole numbers; those of negative ones are in two's complement."""
 
 import numpy as np
 
@@ -18,12 +18,15 @@ def _bit(loom: Loom, x: Nodes, at: int) -> Nodes:
 
 @function("bitand", "bitor", "bitxor", least=2, most=3)
 def bitwise(given: Given) -> Held:
-    """An operation on the bits of two numbers, of up to 32 bits."""
+    """An operation on the bits of two numbers, of up to 32 bits; not a number beyond these."""
     loom, a, b = given.calls.loom, given.array(0), given.array(1)
     both = np.full(np.broadcast_shapes(a.shape, b.shape), loom.const(0.0), dtype=np.int64)
-    for at in _wanted(given, a, b):
+    wanted = _wanted(given, a, b)
+    for at in range(_BITS) if wanted is None else wanted:
         one = each(loom, "mul", _bit(loom, a, at), _bit(loom, b, at))
         both = each(loom, "add", both, each(loom, "mul", constants(loom, 2.0**at), one))
+    if wanted is None:
+        both = _signed(loom, a, b, both)
     if given.name == "bitand":
         return both
     sums = each(loom, "add", a, b)  # a + b counts common bits twice
@@ -31,19 +34,32 @@ def bitwise(given: Given) -> Held:
     return each(loom, "sub", sums, each(loom, "mul", times, both))
 
 
-def _wanted(given: Given, a: Nodes, b: Nodes) -> list[int]:
-    """The bits that both numbers can have: those of a fixed one, else all."""
-    made = set(range(_BITS))
+def _signed(loom: Loom, a: Nodes, b: Nodes, both: Nodes) -> Nodes:
+    """The bits that two numbers share, with the sign where they share that; not a number where they have more bits."""
+    edge, zero = constants(loom, 2.0**_BITS), constants(loom, 0.0)
+    negative = each(loom, "and", each(loom, "lt", a, zero), each(loom, "lt", b, zero))
+    made = each(loom, "sub", both, each(loom, "mul", edge, negative))
+    for one in (a, b):
+        below = each(loom, "lt", one, edge)
+        fits = each(loom, "and", each(loom, "ge", one, each(loom, "neg", edge)), below)
+        made = each(loom, "select", fits, made, constants(loom, np.nan))
+    return made
+
+
+def _wanted(given: Given, a: Nodes, b: Nodes) -> list[int] | None:
+    """The bits of what is fixed, which are all that both numbers can have; None where both depend on signals."""
+    made: set[int] | None = None
     for one in (a, b):
         numbers = given.calls.desk.numbers(one, f"a mask of {given.name}")
         if numbers is not None:
             if np.any(numbers < 0) or np.any(numbers != np.floor(numbers)) or np.any(numbers >= 2.0**53):
                 raise given.refuse("its numbers are negative or not whole")
             used = int(np.bitwise_or.reduce(numbers.ravel().astype(np.int64))) if numbers.size else 0
-            made &= {at for at in range(_BITS) if used >> at & 1}
+            bits = {at for at in range(_BITS) if used >> at & 1}
+            made = bits if made is None else made & bits
             if used >> _BITS:
                 raise given.refuse(f"its numbers have more than {_BITS} bits")
-    return sorted(made)
+    return None if made is None else sorted(made)
 
 
 @function("bitshift", "bitsll", "bitsrl", "bitsra", least=2, most=3)

@@ -81,21 +81,22 @@ def _expm1(loom: Loom, x: Nodes) -> Nodes:
     return each(loom, "select", each(loom, "lt", each(loom, "abs", x), _number(loom, 1.0)), near, far)
 
 
-def _inverse(op: str) -> Rule:
-    """The inverse hyperbolic functions by logarithms."""
+def _asinh(loom: Loom, x: Nodes) -> Nodes:
+    """By logarithms of sums on either side of 0, so that nothing cancels and the slope at 0 is 1."""
+    root = each(loom, "sqrt", each(loom, "add", _times(loom, x, x), _number(loom, 1.0)))
+    rising, falling = each(loom, "log", each(loom, "add", x, root)), each(loom, "log", _minus(loom, root, x))
+    return each(loom, "select", each(loom, "ge", x, _number(loom, 0.0)), rising, each(loom, "neg", falling))
 
-    def rule(loom: Loom, x: Nodes) -> Nodes:
-        one = _number(loom, 1.0)
-        if op == "atanh":
-            ratio = _over(loom, each(loom, "add", one, x), _minus(loom, one, x))
-            return _times(loom, _number(loom, 0.5), each(loom, "log", ratio))
-        size = each(loom, "abs", x) if op == "asinh" else x
-        square = _times(loom, x, x)
-        root = each(loom, "sqrt", each(loom, "add", square, _number(loom, 1.0 if op == "asinh" else -1.0)))
-        made = each(loom, "log", each(loom, "add", size, root))
-        return _times(loom, each(loom, "sign", x), made) if op == "asinh" else made
 
-    return rule
+def _acosh(loom: Loom, x: Nodes) -> Nodes:
+    root = each(loom, "sqrt", _minus(loom, _times(loom, x, x), _number(loom, 1.0)))
+    return each(loom, "log", each(loom, "add", x, root))
+
+
+def _atanh(loom: Loom, x: Nodes) -> Nodes:
+    one = _number(loom, 1.0)
+    ratio = _over(loom, each(loom, "add", one, x), _minus(loom, one, x))
+    return _times(loom, _number(loom, 0.5), each(loom, "log", ratio))
 
 
 def _turned(loom: Loom, x: Nodes, turn: float) -> Nodes:
@@ -117,9 +118,9 @@ _ONE: Final[dict[str, Rule]] = {
     "log2": lambda loom, x: _over(loom, each(loom, "log", x), _number(loom, math.log(2.0))),
     "log1p": _log1p,
     "expm1": _expm1,
-    "asinh": _inverse("asinh"),
-    "acosh": _inverse("acosh"),
-    "atanh": _inverse("atanh"),
+    "asinh": _asinh,
+    "acosh": _acosh,
+    "atanh": _atanh,
     "sec": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "cos", x)),
     "csc": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "sin", x)),
     "cot": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "tan", x)),
@@ -195,7 +196,7 @@ def negation(given: Given) -> Held:
     return truths(each(given.calls.loom, "not", given.array(0)))
 
 
-EACH_ALONE: Final = frozenset({*PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "min", "max", "not", "logical"})
+EACH_ALONE: Final = frozenset({*PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "not", "logical"})
 
 
 @function("idivide", least=2, most=3)
@@ -212,5 +213,7 @@ def whole_division(given: Given) -> Held:
 def root(given: Given) -> Held:
     """A real root of a whole degree, of negative numbers where the degree is odd."""
     loom, x, degree = given.calls.loom, given.array(0), given.whole(1)
+    if not degree:
+        raise given.refuse("a root of degree 0")
     made = each(loom, "pow", each(loom, "abs", x), _number(loom, 1.0 / degree))
     return _times(loom, each(loom, "sign", x), made) if degree % 2 else each(loom, "pow", x, _number(loom, 1 / degree))

@@ -42,9 +42,7 @@ def ordered(given: Given) -> tuple[Held, ...]:
 @function("median")
 def median(given: Given) -> Held:
     """The middle of the elements of a vector, or the mean of the two in the middle."""
-    loom, array = given.calls.loom, given.array(0)
-    if 1 not in array.shape:
-        raise given.refuse("of a matrix is not supported")
-    made, _ = _ordered(given, [node.reshape(1, 1) for node in array.ravel()], False)
+    loom = given.calls.loom
+    made, _ = _ordered(given, [node.reshape(1, 1) for node in given.vector(0)], False)
     low, high = made[(len(made) - 1) // 2], made[len(made) // 2]
     return each(loom, "mul", constants(loom, 0.5), each(loom, "add", low, high)) if len(made) % 2 == 0 else low

@@ -1,6 +1,7 @@
 """Functions along a dimension of an array: sums, products, extremes, differences."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -12,6 +13,7 @@ from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.signals import Nodes
 
 _SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
+_WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing"})
 
 
 def along(array: Nodes, axis: int, fold: Callable[[list[Nodes]], Nodes]) -> Nodes:
@@ -33,11 +35,13 @@ def reduced(given: Given) -> Held:
     (op, empty), loom, array = _SUMS[given.name], given.calls.loom, given.array(0)
     if given.name in ("any", "all"):
         array = each(loom, "ne", array, constants(loom, 0.0))
-    if len(given) > 1 and given.held[1] == "all":
-        array, axis = array.ravel(order="F").reshape(-1, 1), 0
-    else:
-        axis = given.dimension(1, array) if len(given) < 2 or not isinstance(given.held[1], str) else 0
-    made = along(array, axis, lambda parts: total(loom, op, empty, parts))
+    words = {one for one in given.held[1:] if isinstance(one, str)}
+    if not words <= _WORDS:
+        raise given.refuse(f"{min(words - _WORDS)!r} is not supported", "Leave elements out by a loop with if.")
+    if "all" in words:
+        array = array.ravel(order="F").reshape(-1, 1)
+    given = replace(given, held=[one for one in given.held if not isinstance(one, str)])
+    made = along(array, given.dimension(1, array), lambda parts: total(loom, op, empty, parts))
     return truths(made) if given.name in ("any", "all") else made
 
 
@@ -146,9 +150,9 @@ def count(given: Given) -> Held:
 def area(given: Given) -> Held:
     """The area below lines through the points of vectors."""
     loom = given.calls.loom
-    y = given.array(len(given) - 1).ravel(order="F").reshape(-1, 1)
+    y = given.vector(len(given) - 1)
     middle = each(loom, "mul", constants(loom, 0.5), each(loom, "add", y[1:], y[:-1]))
     if len(given) == 2:
-        x = given.array(0).ravel(order="F").reshape(-1, 1)
+        x = given.vector(0)
         middle = each(loom, "mul", middle, each(loom, "sub", x[1:], x[:-1]))
     return along(middle, 0, lambda parts: total(loom, "add", 0.0, parts))

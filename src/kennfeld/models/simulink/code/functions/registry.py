@@ -36,6 +36,13 @@ class Given:
         """An argument, counted from 0, as an array of nodes."""
         return array_of(resolved(self.held[at]), f"argument {at + 1} of {self.name}")
 
+    def vector(self, at: int) -> Nodes:
+        """An argument as a column; raises `CodeError` where it is a matrix."""
+        array = self.array(at)
+        if array.size and 1 not in array.shape:
+            raise self.refuse("of a matrix is not supported", "Call it for each column.")
+        return array.reshape(-1, 1, order="F")
+
     def table(self, at: int) -> str:
         """The name of the parameter that an argument is, where nothing has been taken of it yet; else empty."""
         held = self.held[at]

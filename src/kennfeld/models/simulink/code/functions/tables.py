@@ -162,22 +162,23 @@ def polynomial(given: Given) -> Held:
 
 @function("conv", least=2, most=2)
 def convolution(given: Given) -> Held:
-    """The product of two polynomials."""
-    loom, (a, b) = given.calls.loom, [one.ravel(order="F") for one in given.arrays]
+    """The product of two polynomials, which lies as the longer of them does."""
+    loom, a, b = given.calls.loom, given.vector(0).ravel(), given.vector(1).ravel()
     given.calls.desk.room(float(a.size) * b.size)
     sums: list[list[Nodes]] = [[] for _ in range(a.size + b.size - 1)]
     for i, one in enumerate(a):
         for j, other in enumerate(b):
             sums[i + j].append(each(loom, "mul", one.reshape(1, 1), other.reshape(1, 1)))
     made = np.concatenate([total(loom, "add", 0.0, parts) for parts in sums], axis=1)
-    return made.T if given.array(0).shape[1] == 1 and given.array(0).size > 1 else made
+    longer = given.array(0 if a.size > b.size else 1)
+    return made.T if longer.shape[1] == 1 else made
 
 
 @function("filter", least=3, most=3)
 def filtered(given: Given) -> Held:
     """A vector through a discrete filter that starts at rest."""
     loom = given.calls.loom
-    b, a, x = (one.ravel(order="F") for one in given.arrays)
+    b, a, x = (given.vector(at).ravel() for at in range(3))
     given.calls.desk.room(float(x.size) * (a.size + b.size))
     made: list[Nodes] = []
     for at in range(x.size):

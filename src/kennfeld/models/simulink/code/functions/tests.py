@@ -1,12 +1,23 @@
 """Functions that tell what a value is."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.code.functions.registry import Given, function
-from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, leaves, truths
+from kennfeld.models.simulink.code.values import (
+    Cells,
+    Held,
+    Struct,
+    Truths,
+    array_of,
+    constants,
+    field_of,
+    resolved,
+    truths,
+)
 from kennfeld.models.simulink.expressions.arrays import each, fold
-
-_INTEGERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "integer")
 
 
 def _fixed(given: Given, found: bool) -> Held:
@@ -71,17 +82,31 @@ def class_of(given: Given) -> Held:
 
 @function("isequal", least=2, most=2)
 def equal(given: Given) -> Held:
-    """Whether two values have the same size and elements."""
-    one, other = given.held[0], given.held[1]
-    if isinstance(one, str) and isinstance(other, str):
-        return _fixed(given, one == other)
-    first, second = (list(leaves(held)) for held in (one, other))
-    if [part.shape for part in first] != [part.shape for part in second]:
-        return _fixed(given, False)
+    """Whether two values have the same form and elements."""
     loom = given.calls.loom
-    pairs = zip(first, second, strict=True)
-    parts = [int(node) for a, b in pairs for node in each(loom, "eq", a, b).ravel()]
-    return truths(np.array([[fold(loom, "and", parts) if parts else loom.const(1.0)]], dtype=np.int64))
+    return truths(np.array([[fold(loom, "and", list(_pairs(loom, *given.held)))]], dtype=np.int64))
+
+
+def _pairs(loom: Loom, one: Held, other: Held) -> Iterator[int]:
+    """What must hold where two values are equal; never where their forms differ."""
+    yield loom.const(float(_form(one) == _form(other)))
+    if isinstance(one, Struct) and isinstance(other, Struct):
+        for name in one.fields.keys() & other.fields.keys():
+            yield from _pairs(loom, field_of(one, name), field_of(other, name))
+    elif isinstance(one, Cells) and isinstance(other, Cells):
+        for first, second in zip(one.cells, other.cells, strict=False):
+            yield from _pairs(loom, resolved(first), resolved(second))
+    elif isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape:
+        yield from (int(node) for node in each(loom, "eq", one, other).ravel())
+
+
+def _form(held: Held) -> object:
+    """What two values that are equal have in common for certain."""
+    if isinstance(held, str):
+        return held
+    if isinstance(held, Struct):
+        return frozenset(held.fields)
+    return held.shape if isinstance(held, Cells) else array_of(held).shape
 
 
 @function("ismember", least=2, most=2)
