@@ -327,6 +327,45 @@ def test_a_solver_does_what_its_formula_says(solver, tmp_path):
         x = TABLEAUS[solver](lambda t, x, u=u: np.array([u - 0.3 * x[0] - x[1], x[0]]), 0.0, x, T)
 
 
+WIDE = {
+    "a reset": {"ExternalReset": "level hold"},
+    "a start from outside": {"InitialConditionSource": "external"},
+    "limits": {"LimitOutput": "on", "UpperSaturationLimit": "[0.3 0.9]", "LowerSaturationLimit": "-inf"},
+}
+
+
+@pytest.mark.parametrize(("what", "given"), WIDE.items())
+def test_an_integrator_of_a_scalar_is_as_wide_as(what, given, tmp_path):
+    drawn = Model(step="0.1", solver="ode1")
+    drawn.inport("u")
+    drawn.block("Integrator", "I", ports=(1 + (what != "limits"), 1), **given)
+    drawn.line("u", "I:1")
+    if what != "limits":
+        drawn.inport("w", PortDimensions="2")
+        drawn.line("w", "I:2")
+    drawn.outport("y")
+    drawn.line("I", "y")
+    wide = np.array([np.arange(12) % 4 == 3, np.arange(12) % 5 == 4], dtype=float)
+    wide[:, 0] = 3, 7
+    u = np.full(12, 1.5)
+    found = run(imported(drawn, tmp_path), {"u": u, "w[1]": wide[0], "w[2]": wide[1]})
+    for at in range(2):
+        x = wide[at][0] if what == "a start from outside" else 0.0
+        for k in range(12):
+            x = 0.0 if what == "a reset" and wide[at][k] else x
+            x = min(x, (0.3, 0.9)[at]) if what == "limits" else x
+            assert found[f"y[{at + 1}]"][k] == pytest.approx(x, abs=1e-12), k
+            x += T * u[k]
+
+
+def test_an_integrator_that_begins_beyond_its_limits_begins_at_them(tmp_path):
+    given = {"LimitOutput": "on", "UpperSaturationLimit": "0.2", "InitialCondition": "5", "ExternalReset": "level hold"}
+    drawn = alone("Integrator", 2, model=Model(solver="ode1", step="0.1"), **given)
+    reset = np.array([0, 0, 0, 1, 0, 0], dtype=float)
+    found = run(imported(drawn, tmp_path), {"u1": np.full(6, -1.0), "u2": reset})["y1"]
+    np.testing.assert_allclose(found, [0.2, 0.1, 0.0, 0.2, 0.1, 0.0], atol=1e-15)
+
+
 def test_slopes_through_a_solver_are_those_of_finite_differences(tmp_path):
     model = imported(oscillator("ode4"), tmp_path, parameters=[GIVEN])
     for name in ("d", "v0"):
