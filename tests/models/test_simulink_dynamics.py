@@ -89,6 +89,23 @@ def test_limits_and_resets_of_a_discrete_integrator(tmp_path):
         x, before = np.clip(x + T * u, -0.1, 0.25), trigger[k]
 
 
+@pytest.mark.parametrize("setting", ["Auto", "State (most efficient)", "Output"])
+@pytest.mark.parametrize("method", ["Backward Euler", "Trapezoidal"])
+def test_a_reset_is_one_of_the_state_or_of_the_output(setting, method, tmp_path):
+    drawn = alone("DiscreteIntegrator", 2, SampleTime="0.1", InitialCondition="2", ExternalReset="rising",
+                  IntegratorMethod=f"Integration: {method}", InitialConditionSetting=setting)  # fmt: skip
+    trigger = np.array([0, 0, 1, 1, 0, -1, 1, 0] * 5, dtype=float)
+    found = run(imported(drawn, tmp_path), {"u1": U, "u2": trigger})["y1"]
+    share = 0.5 if method == "Trapezoidal" else 1.0
+    x = 2.0
+    for k, u in enumerate(U):
+        anew = k > 0 and trigger[k - 1] <= 0 < trigger[k]
+        x = 2.0 if anew else x
+        y = 2.0 if setting == "Output" and (k == 0 or anew) else x + share * T * u
+        assert found[k] == pytest.approx(y, abs=1e-13), k
+        x = y + (T * u / 2 if method == "Trapezoidal" else 0.0)
+
+
 @pytest.mark.parametrize(
     ("b", "a"), [([1.0], [1.0, 0.5]), ([0.2, 0.3], [1.0, -0.9, 0.3]), ([0.5, 0.1, 0.2], [2.0, -0.9, 0.3])]
 )

@@ -108,14 +108,23 @@ def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal
         return made[0] if method == "backward" else limited(site.call("add", made[0], increment()))
 
     x = site.remember(init, then, ported=True)
-    anew = limited(init)
+    anew = _begins(site, reset) if method != "forward" and _starts_as_output(site) else None
+    if anew is None:
+        x = x if reset is None else site.select(reset, limited(init), x)
     y = x if method == "forward" else site.call("add", x, increment())
-    if method != "forward" and site.text("InitialConditionSetting") in ("Output", "State and output"):
-        zero, one = site.constant(0.0), site.constant(1.0)
-        y = site.select(site.remember(zero, lambda _: one), y, init)
-    y = limited(y)
-    made.append(y if reset is None else site.select(reset, anew, y))
+    made.append(limited(y if anew is None else site.select(anew, init, y)))
     return made[0]
+
+
+def _starts_as_output(site: Site) -> bool:
+    """Whether it is the output that begins with the initial value, and not the state before the input is added."""
+    return site.text("InitialConditionSetting") in ("Output", "State and output")
+
+
+def _begins(site: Site, reset: Signal | None) -> Signal:
+    """1 in the first step, and where it is reset."""
+    first = site.call("not", site.remember(site.constant(0.0), lambda _: site.constant(1.0)))
+    return first if reset is None else site.call("or", first, reset)
 
 
 def _first_order(site: Site) -> Iterable[int]:
