@@ -149,12 +149,35 @@ def test_a_fir_filter(tmp_path):
     np.testing.assert_allclose(found, signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
 
 
-def test_a_rate_limiter_follows_from_its_initial_value(tmp_path):
-    found = first("RateLimiter", tmp_path, RisingSlewLimit="4", FallingSlewLimit="-2")
-    y = 0.0
+@pytest.mark.parametrize("mode", ["continuous", "inherited"])
+@pytest.mark.parametrize("solver", ["FixedStepDiscrete", "ode1"])
+def test_a_rate_limiter_follows_from_its_initial_value_or_from_its_first_input(mode, solver, tmp_path):
+    drawn = alone("RateLimiter", model=Model(step="0.1", solver=solver), RisingSlewLimit="4", FallingSlewLimit="-2",
+                  InitialCondition="3", SampleTimeMode=mode)  # fmt: skip
+    if solver == "ode1":
+        drawn.block("Integrator", "I", ports=(1, 1))
+        drawn.outport("x")
+        drawn.line("u1", "I")
+        drawn.line("I", "x")
+    found = run(imported(drawn, tmp_path), {"u1": U})["y1"]
+    y = 3.0 if (mode, solver) == ("inherited", "FixedStepDiscrete") else U[0]
     for k, u in enumerate(U):
         y += np.clip(u - y, -2 * T, 4 * T)
         assert found[k] == pytest.approx(y, abs=1e-14)
+
+
+def test_a_rate_limiter_in_continuous_time_moves_between_the_hits_of_its_input(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("ZeroOrderHold", "Z", SampleTime="0.4")
+    drawn.block("RateLimiter", "L", RisingSlewLimit="4", FallingSlewLimit="-2", SampleTimeMode="continuous")
+    drawn.outport("y")
+    drawn.chain("u", "Z", "L", "y")
+    found = run(imported(drawn, tmp_path), {"u": U})["y"]
+    y = U[0]
+    for k in range(U.size):
+        y += np.clip(U[k - k % 4] - y, -2 * T, 4 * T)
+        assert found[k] == pytest.approx(y, abs=1e-14), k
 
 
 def test_a_relay_keeps_its_state_between_the_values(tmp_path):
@@ -238,10 +261,12 @@ def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
-def test_a_transport_delay_interpolates_between_steps(tmp_path):
-    found = first("TransportDelay", tmp_path, DelayTime="0.25", InitialOutput="2")
-    padded = np.concatenate([[2.0] * 3, U])
-    np.testing.assert_allclose(found, 0.5 * padded[1 : 1 + U.size] + 0.5 * padded[: U.size])
+@pytest.mark.parametrize("delay", [0.1, 0.25, 0.3, 1.0])
+def test_a_transport_delay_interpolates_between_steps_once_more_than_its_time_has_passed(delay, tmp_path):
+    found = first("TransportDelay", tmp_path, DelayTime=str(delay), InitialOutput="2")
+    t = T * np.arange(U.size)
+    expected = np.where(t - delay < 1e-9, 2.0, np.interp(t - delay, t, U))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_feedback_through_a_delay_takes_the_width_of_what_is_fed_back(tmp_path):
