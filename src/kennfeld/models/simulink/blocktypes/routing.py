@@ -17,7 +17,7 @@ _LONGEST_PICK = 10_000
 _MOST_COMPARISONS = 100_000
 
 
-@block("SignalConversion", "SignalSpecification", "RateTransition")
+@block("SignalConversion", "SignalSpecification")
 def passed(site: Site) -> Wired:
     """The signal itself."""
     return site.wired(0)
