@@ -100,10 +100,36 @@ def test_outputs_of_a_demux_that_are_no_whole_numbers(outputs, tmp_path):
     assert any(f"its Outputs is {outputs}, no whole numbers" in line for line in found)
 
 
-def test_limits_that_do_not_fit_a_state_are_told_in_words(tmp_path):
-    given = {"LimitOutput": "on", "UpperSaturationLimit": "[1 2]", "LowerSaturationLimit": "0"}
-    (found,) = said(alone("Integrator", model=Model(solver="ode4", step="0.1"), **given), tmp_path)
-    assert "B: 2 values stand where its signal has the size 1" in found
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        ("Integrator", {"LimitOutput": "on", "UpperSaturationLimit": "[1 2]"}),
+        ("Integrator", {"InitialCondition": "[1 2]"}),
+        ("UnitDelay", {"InitialCondition": "[1 2]"}),
+        ("Delay", {"InitialCondition": "[1 2]", "DelayLength": "1"}),
+    ],
+)
+def test_what_a_memory_starts_with_has_to_fit_its_input(kind, given, tmp_path):
+    drawn = Model(step="0.1", solver="ode1")
+    drawn.inport("u", PortDimensions="3")
+    drawn.block(kind, "B", ports=(1, 1), **given)
+    drawn.outport("y")
+    drawn.chain("u", "B", "y")
+    (found,) = said(drawn, tmp_path)
+    assert "B: what it starts with has the size 2, and its input 3" in found
+
+
+def test_resets_and_starts_that_do_not_fit_each_other_are_told(tmp_path):
+    drawn = Model(step="0.1", solver="ode1")
+    drawn.inport("u")
+    drawn.inport("r", PortDimensions="2")
+    drawn.block("Integrator", "B", ports=(2, 1), ExternalReset="rising", InitialCondition="[1 2 3]")
+    drawn.outport("y")
+    drawn.line("u", "B:1")
+    drawn.line("r", "B:2")
+    drawn.line("B", "y")
+    (found,) = said(drawn, tmp_path)
+    assert "B: its inputs have the sizes 3, 2, which do not fit each other" in found
 
 
 def test_a_sample_time_that_no_unit_has_is_told(tmp_path):

@@ -120,6 +120,19 @@ def test_a_controller_is_reset_and_its_integral_limited(tmp_path):
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.parametrize("method", ["Backward Euler", "Trapezoidal"])
+def test_a_reset_of_a_controller_is_one_of_the_state_of_its_integral(method, tmp_path):
+    drawn = drawn_as(2, Controller="PI", ExternalReset="rising", InitialConditionForIntegrator="0.5",
+                     IntegratorMethod=method)  # fmt: skip
+    found = run(imported(drawn, tmp_path), {"u1": E, "u2": RESET})["y1"]
+    share, x = 0.5 if method == "Trapezoidal" else 1.0, 0.5
+    for k, e in enumerate(E):
+        x = 0.5 if k > 0 and RESET[k - 1] <= 0 < RESET[k] else x
+        integral = x + share * T * GAINS["I"] * e
+        assert found[k] == pytest.approx(GAINS["P"] * e + integral, abs=1e-11), k
+        x = integral + (1 - share) * T * GAINS["I"] * e
+
+
 def test_initial_values_and_gains_may_be_inputs(tmp_path):
     drawn = drawn_as(3, InitialConditionSource="external")
     one = np.ones(COUNT)

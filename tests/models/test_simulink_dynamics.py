@@ -89,6 +89,23 @@ def test_limits_and_resets_of_a_discrete_integrator(tmp_path):
         x, before = np.clip(x + T * u, -0.1, 0.25), trigger[k]
 
 
+@pytest.mark.parametrize("setting", ["Auto", "State (most efficient)", "Output"])
+@pytest.mark.parametrize("method", ["Backward Euler", "Trapezoidal"])
+def test_a_reset_is_one_of_the_state_or_of_the_output(setting, method, tmp_path):
+    drawn = alone("DiscreteIntegrator", 2, SampleTime="0.1", InitialCondition="2", ExternalReset="rising",
+                  IntegratorMethod=f"Integration: {method}", InitialConditionSetting=setting)  # fmt: skip
+    trigger = np.array([0, 0, 1, 1, 0, -1, 1, 0] * 5, dtype=float)
+    found = run(imported(drawn, tmp_path), {"u1": U, "u2": trigger})["y1"]
+    share = 0.5 if method == "Trapezoidal" else 1.0
+    x = 2.0
+    for k, u in enumerate(U):
+        anew = k > 0 and trigger[k - 1] <= 0 < trigger[k]
+        x = 2.0 if anew else x
+        y = 2.0 if setting == "Output" and (k == 0 or anew) else x + share * T * u
+        assert found[k] == pytest.approx(y, abs=1e-13), k
+        x = y + (T * u / 2 if method == "Trapezoidal" else 0.0)
+
+
 @pytest.mark.parametrize(
     ("b", "a"), [([1.0], [1.0, 0.5]), ([0.2, 0.3], [1.0, -0.9, 0.3]), ([0.5, 0.1, 0.2], [2.0, -0.9, 0.3])]
 )
@@ -132,12 +149,35 @@ def test_a_fir_filter(tmp_path):
     np.testing.assert_allclose(found, signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
 
 
-def test_a_rate_limiter_follows_from_its_initial_value(tmp_path):
-    found = first("RateLimiter", tmp_path, RisingSlewLimit="4", FallingSlewLimit="-2")
-    y = 0.0
+@pytest.mark.parametrize("mode", ["continuous", "inherited"])
+@pytest.mark.parametrize("solver", ["FixedStepDiscrete", "ode1"])
+def test_a_rate_limiter_follows_from_its_initial_value_or_from_its_first_input(mode, solver, tmp_path):
+    drawn = alone("RateLimiter", model=Model(step="0.1", solver=solver), RisingSlewLimit="4", FallingSlewLimit="-2",
+                  InitialCondition="3", SampleTimeMode=mode)  # fmt: skip
+    if solver == "ode1":
+        drawn.block("Integrator", "I", ports=(1, 1))
+        drawn.outport("x")
+        drawn.line("u1", "I")
+        drawn.line("I", "x")
+    found = run(imported(drawn, tmp_path), {"u1": U})["y1"]
+    y = 3.0 if (mode, solver) == ("inherited", "FixedStepDiscrete") else U[0]
     for k, u in enumerate(U):
         y += np.clip(u - y, -2 * T, 4 * T)
         assert found[k] == pytest.approx(y, abs=1e-14)
+
+
+def test_a_rate_limiter_in_continuous_time_moves_between_the_hits_of_its_input(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("ZeroOrderHold", "Z", SampleTime="0.4")
+    drawn.block("RateLimiter", "L", RisingSlewLimit="4", FallingSlewLimit="-2", SampleTimeMode="continuous")
+    drawn.outport("y")
+    drawn.chain("u", "Z", "L", "y")
+    found = run(imported(drawn, tmp_path), {"u": U})["y"]
+    y = U[0]
+    for k in range(U.size):
+        y += np.clip(U[k - k % 4] - y, -2 * T, 4 * T)
+        assert found[k] == pytest.approx(y, abs=1e-14), k
 
 
 def test_a_relay_keeps_its_state_between_the_values(tmp_path):
@@ -221,10 +261,12 @@ def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
-def test_a_transport_delay_interpolates_between_steps(tmp_path):
-    found = first("TransportDelay", tmp_path, DelayTime="0.25", InitialOutput="2")
-    padded = np.concatenate([[2.0] * 3, U])
-    np.testing.assert_allclose(found, 0.5 * padded[1 : 1 + U.size] + 0.5 * padded[: U.size])
+@pytest.mark.parametrize("delay", [0.1, 0.25, 0.3, 1.0])
+def test_a_transport_delay_interpolates_between_steps_once_more_than_its_time_has_passed(delay, tmp_path):
+    found = first("TransportDelay", tmp_path, DelayTime=str(delay), InitialOutput="2")
+    t = T * np.arange(U.size)
+    expected = np.where(t - delay < 1e-9, 2.0, np.interp(t - delay, t, U))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_feedback_through_a_delay_takes_the_width_of_what_is_fed_back(tmp_path):
@@ -325,6 +367,45 @@ def test_a_solver_does_what_its_formula_says(solver, tmp_path):
     for k, u in enumerate(U):
         np.testing.assert_allclose([found["v"][k], found["x"][k]], x, rtol=1e-12, atol=1e-13)
         x = TABLEAUS[solver](lambda t, x, u=u: np.array([u - 0.3 * x[0] - x[1], x[0]]), 0.0, x, T)
+
+
+WIDE = {
+    "a reset": {"ExternalReset": "level hold"},
+    "a start from outside": {"InitialConditionSource": "external"},
+    "limits": {"LimitOutput": "on", "UpperSaturationLimit": "[0.3 0.9]", "LowerSaturationLimit": "-inf"},
+}
+
+
+@pytest.mark.parametrize(("what", "given"), WIDE.items())
+def test_an_integrator_of_a_scalar_is_as_wide_as(what, given, tmp_path):
+    drawn = Model(step="0.1", solver="ode1")
+    drawn.inport("u")
+    drawn.block("Integrator", "I", ports=(1 + (what != "limits"), 1), **given)
+    drawn.line("u", "I:1")
+    if what != "limits":
+        drawn.inport("w", PortDimensions="2")
+        drawn.line("w", "I:2")
+    drawn.outport("y")
+    drawn.line("I", "y")
+    wide = np.array([np.arange(12) % 4 == 3, np.arange(12) % 5 == 4], dtype=float)
+    wide[:, 0] = 3, 7
+    u = np.full(12, 1.5)
+    found = run(imported(drawn, tmp_path), {"u": u, "w[1]": wide[0], "w[2]": wide[1]})
+    for at in range(2):
+        x = wide[at][0] if what == "a start from outside" else 0.0
+        for k in range(12):
+            x = 0.0 if what == "a reset" and wide[at][k] else x
+            x = min(x, (0.3, 0.9)[at]) if what == "limits" else x
+            assert found[f"y[{at + 1}]"][k] == pytest.approx(x, abs=1e-12), k
+            x += T * u[k]
+
+
+def test_an_integrator_that_begins_beyond_its_limits_begins_at_them(tmp_path):
+    given = {"LimitOutput": "on", "UpperSaturationLimit": "0.2", "InitialCondition": "5", "ExternalReset": "level hold"}
+    drawn = alone("Integrator", 2, model=Model(solver="ode1", step="0.1"), **given)
+    reset = np.array([0, 0, 0, 1, 0, 0], dtype=float)
+    found = run(imported(drawn, tmp_path), {"u1": np.full(6, -1.0), "u2": reset})["y1"]
+    np.testing.assert_allclose(found, [0.2, 0.1, 0.0, 0.2, 0.1, 0.0], atol=1e-15)
 
 
 def test_slopes_through_a_solver_are_those_of_finite_differences(tmp_path):

@@ -64,9 +64,20 @@ def test_a_variable_time_delay_looks_back_by_its_second_input(tmp_path):
     time = np.linspace(0.1, 0.55, 30)
     found = run(imported(delayed("Variable time delay", "1"), tmp_path), {"u1": U, "u2": time})["y1"]
     t = 0.1 * np.arange(30)
-    expected = np.interp(t - time, t, U)
-    np.testing.assert_allclose(found[6:], expected[6:], atol=1e-12)
-    assert found[0] == -5
+    expected = np.where(t - time < 1e-9, -5.0, np.interp(t - time, t, U))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("zero", ["off", "on"])
+def test_a_time_delay_of_less_than_a_step_goes_on_as_a_line_or_looks_at_its_input(zero, tmp_path):
+    time = np.tile([0.0, 0.02, 0.07, -0.3, 0.1], 6)
+    found = run(imported(delayed("Variable time delay", "1", ZeroDelay=zero), tmp_path), {"u1": U, "u2": time})["y1"]
+    share = np.maximum(time, 0.0) / 0.1
+    assert found[0] == (U[0] if zero == "on" else -5.0)
+    for k in range(2, 30):
+        newest, before = (U[k], U[k - 1]) if zero == "on" else (U[k - 1], U[k - 2])
+        ahead = 0.0 if zero == "on" else 1.0
+        assert found[k] == pytest.approx(newest + (share[k] - ahead) * (before - newest), abs=1e-12), k
 
 
 def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):

@@ -251,9 +251,11 @@ def _trigonometric(site: Site, operator: str, u: Signal) -> Wired | tuple[Wired,
             return site.call("atan2", u, site.input(1))
         case "sincos":
             return site.call("sin", u), site.call("cos", u)
-        case "asinh":
+        case "asinh":  # odd, so that large negative inputs do not cancel out
+            size = site.call("abs", u)
             root = site.call("sqrt", site.call("add", site.call("mul", u, u), site.constant(1.0)))
-            return site.call("log", site.call("add", u, root))
+            made = site.call("log", site.call("add", size, root))
+            return site.select(site.call("lt", u, site.constant(0.0)), site.call("neg", made), made)
         case "acosh":
             root = site.call("sqrt", site.call("sub", site.call("mul", u, u), site.constant(1.0)))
             return site.call("log", site.call("add", u, root))

@@ -169,8 +169,8 @@ class _Controller:
             return made[0] if method == "Backward Euler" else limited(site.call("add", made[0], step()))
 
         x = site.remember(init, then)
-        y = limited(x if method == "Forward Euler" else site.call("add", x, self._at_once(step)))
-        made.append(y if reset is None else site.select(reset, limited(init), y))
+        x = x if reset is None else site.select(reset, limited(init), x)
+        made.append(limited(x if method == "Forward Euler" else site.call("add", x, self._at_once(step))))
         return made[0]
 
     def _at_once(self, step: Callable[[], Signal]) -> Signal:

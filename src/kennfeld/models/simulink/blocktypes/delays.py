@@ -1,5 +1,7 @@
 """Delays by a time: constant, or given by an input."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from kennfeld.models.simulink.expressions.signals import Signal, Wired
@@ -24,9 +26,17 @@ def transport_delay(site: Site) -> Wired:
     late = site.remember(init, lambda _: site.input(), whole)
     share = count - whole
     if abs(share) < 1e-9:
-        return late
+        return _since(site, site.constant(time), late, init)
     later = site.remember(init, lambda _: late)
-    return site.call("add", late, site.call("mul", site.constant(share), site.call("sub", later, late)))
+    between = site.call("add", late, site.call("mul", site.constant(share), site.call("sub", later, late)))
+    return _since(site, site.constant(time), between, init)
+
+
+def _since(site: Site, delay: Signal, late: Signal, init: Signal) -> Signal:
+    """A signal that is late from when more time than its delay has passed, the initial output until then."""
+    near = site.constant(1e-6 * (site.weaver.clock.step or 0.0))
+    passed = site.call("gt", site.discrete(site.time), site.call("add", delay, near))
+    return site.select(passed, late, init)
 
 
 def _steps(site: Site) -> int:
@@ -44,7 +54,16 @@ def _steps(site: Site) -> int:
     return count
 
 
-@block("VariableTransportDelay", needs=lambda site: (1,), VariableDelayType="Variable transport delay",
+def _variable_needs(site: Site) -> Iterable[int]:
+    """Only where a delay may be shorter than a step, its output depends on the input of this one."""
+    return (0, 1) if _handles_zero(site) else (1,)
+
+
+def _handles_zero(site: Site) -> bool:
+    return site.on("ZeroDelay") and site.text("VariableDelayType") == "Variable time delay"
+
+
+@block("VariableTransportDelay", needs=_variable_needs, VariableDelayType="Variable transport delay",
        MaximumDelay="10", InitialOutput="0", PadeOrder="0", ZeroDelay="off")  # fmt: skip
 def variable_delay(site: Site) -> Wired:
     """The input of a time before that changes, or of when it entered a pipe whose passage takes such a time."""
@@ -54,18 +73,28 @@ def variable_delay(site: Site) -> Wired:
         raise UnsupportedError("its delay is a vector")
     count, init = _steps(site), site.parameter("InitialOutput")
     late = [site.remember(init, lambda _: site.discrete(site.input(0)), at) for at in range(1, count + 1)]
-    return _passed(site, time, late, init) if kind == "Variable transport delay" else _past(site, time, late)
+    if kind == "Variable transport delay":
+        return _passed(site, time, late, init)
+    time = site.call("max", time, site.constant(0.0))
+    if not _handles_zero(site):
+        return _since(site, time, _past(site, time, late, 1), init)
+    u = site.discrete(site.input(0))
+    y = _since(site, time, _past(site, time, [u, *late], 0), init)
+    return site.select(site.call("eq", time, site.constant(0.0)), u, y)
 
 
-def _past(site: Site, time: Signal, late: list[Signal]) -> Signal:
-    """Between the two steps that a time lies between; not below one step, and not beyond the last."""
+def _past(site: Site, time: Signal, late: list[Signal], first: int) -> Signal:
+    """Between the two steps that a time lies between, of which `late` holds the inputs from the `first` on.
+
+    Below the first one the line through the next two goes on; beyond the last one it stays.
+    """
     steps = site.call("div", time, Signal(np.array([site.loom.input("dt")], dtype=np.int64)))
     made = late[-1]
     for at in range(len(late) - 1, 0, -1):
-        share = site.call("sub", steps, site.constant(float(at)))
+        share = site.call("sub", steps, site.constant(float(first + at - 1)))
         between = site.call("add", late[at - 1], site.call("mul", share, site.call("sub", late[at], late[at - 1])))
-        made = site.select(site.call("lt", steps, site.constant(float(at + 1))), between, made)
-    return site.select(site.call("lt", steps, site.constant(1.0)), late[0], made)
+        made = site.select(site.call("lt", steps, site.constant(float(first + at))), between, made)
+    return made
 
 
 def _passed(site: Site, time: Signal, late: list[Signal], init: Signal) -> Signal:

@@ -108,14 +108,23 @@ def _added_up(site: Site, method: str, gain: Signal, init: Signal, reset: Signal
         return made[0] if method == "backward" else limited(site.call("add", made[0], increment()))
 
     x = site.remember(init, then, ported=True)
-    anew = limited(init)
+    anew = _begins(site, reset) if method != "forward" and _starts_as_output(site) else None
+    if anew is None:
+        x = x if reset is None else site.select(reset, limited(init), x)
     y = x if method == "forward" else site.call("add", x, increment())
-    if method != "forward" and site.text("InitialConditionSetting") in ("Output", "State and output"):
-        zero, one = site.constant(0.0), site.constant(1.0)
-        y = site.select(site.remember(zero, lambda _: one), y, init)
-    y = limited(y)
-    made.append(y if reset is None else site.select(reset, anew, y))
+    made.append(limited(y if anew is None else site.select(anew, init, y)))
     return made[0]
+
+
+def _starts_as_output(site: Site) -> bool:
+    """Whether it is the output that begins with the initial value, and not the state before the input is added."""
+    return site.text("InitialConditionSetting") in ("Output", "State and output")
+
+
+def _begins(site: Site, reset: Signal | None) -> Signal:
+    """1 in the first step, and where it is reset."""
+    first = site.call("not", site.remember(site.constant(0.0), lambda _: site.constant(1.0)))
+    return first if reset is None else site.call("or", first, reset)
 
 
 def _first_order(site: Site) -> Iterable[int]:
@@ -130,7 +139,7 @@ def _filter_needs(site: Site) -> Iterable[int]:
 
 @block("DiscreteTransferFcn", needs=_first_order, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
        NumeratorSource="Dialog", DenominatorSource="Dialog", InitialStatesSource="Dialog", ExternalReset="None",
-       SampleTime="-1")  # fmt: skip
+       FilterStructure="Direct form II", SampleTime="-1")  # fmt: skip
 def discrete_transfer_function(site: Site) -> Wired:
     """b(z)/a(z) in powers of z, the highest first."""
     b, a = _coefficients(site)
@@ -142,7 +151,7 @@ def discrete_transfer_function(site: Site) -> Wired:
 
 @block("DiscreteFilter", needs=_filter_needs, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
        NumeratorSource="Dialog", DenominatorSource="Dialog", InitialStatesSource="Dialog", ExternalReset="None",
-       SampleTime="-1")  # fmt: skip
+       FilterStructure="Direct form II", SampleTime="-1")  # fmt: skip
 def discrete_filter(site: Site) -> Wired:
     """b/a in powers of 1/z, the lowest first."""
     b, a = _coefficients(site)
@@ -151,14 +160,21 @@ def discrete_filter(site: Site) -> Wired:
     return _filtered(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
 
 
+_FIR_STRUCTURES = (
+    "Direct form", "Direct form symmetric", "Direct form antisymmetric", "Direct form transposed",
+)  # fmt: skip
+
+
 @block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", ExternalReset="None",
-       ShowEnablePort="off", SampleTime="-1")  # fmt: skip
+       FilterStructure="Direct form", ShowEnablePort="off", SampleTime="-1")  # fmt: skip
 def fir_filter(site: Site) -> Wired:
     """B in powers of 1/z, the lowest first."""
     site.chosen("CoefSource", "Dialog", "Dialog parameters")
+    kind = site.chosen("FilterStructure", *_FIR_STRUCTURES)
+    _check_starts(site, kind != "Direct form transposed")
     if site.on("ShowEnablePort"):
         raise UnsupportedError("it has an enable port")
-    b = site.parameter("Coefficients").flat
+    b = _row(site, "Coefficients").flat
     return _filtered(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
 
 
@@ -166,7 +182,22 @@ def _coefficients(site: Site) -> tuple[Signal, Signal]:
     site.chosen("NumeratorSource", "Dialog")
     site.chosen("DenominatorSource", "Dialog")
     site.chosen("InitialStatesSource", "Dialog")
-    return site.parameter("Numerator"), site.parameter("Denominator")
+    _check_starts(site, site.text("FilterStructure") == "Direct form II")
+    return _row(site, "Numerator"), _row(site, "Denominator")
+
+
+def _row(site: Site, name: str) -> Signal:
+    """The coefficients of one filter."""
+    found = site.parameter(name)
+    if found.nodes.ndim > 1:
+        raise UnsupportedError(f"its {name} is a matrix of {found.shape[0]} filters")
+    return found
+
+
+def _check_starts(site: Site, known: bool) -> None:
+    """Raise `UnsupportedError` where states begin with values in a structure whose states are others than here."""
+    if not known and any(site.loom.value(node) != 0 for node in site.parameter("InitialStates").flat):
+        raise UnsupportedError(f"its states in the {site.text('FilterStructure').lower()} have initial values")
 
 
 def _filtered(site: Site, b: list[int], a: list[int]) -> Signal:
@@ -178,14 +209,16 @@ def _filtered(site: Site, b: list[int], a: list[int]) -> Signal:
 def direct_form(site: Site, b: list[int], a: list[int], inits: Signal, anew: Signal | None = None) -> Signal:
     """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element.
 
-    `inits` are the states at first, and where they begin `anew`.
+    The coefficients are those over a0, w is a0 times the state. `inits` are the states at first, and where they begin
+    `anew`.
     """
     order = len(a) - 1
     lead = a[0]
     a, b = ([scaled(site, node, lead) for node in one] for one in (a, b))
     if inits.size not in (1, order) and order:
         raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")
-    first = [Signal(np.array([node], dtype=np.int64)) for node in inits.flat] * (order if inits.size == 1 else 1)
+    starts = [site.loom.call("mul", lead, node) for node in inits.flat]
+    first = [Signal(np.array([node], dtype=np.int64)) for node in starts] * (order if inits.size == 1 else 1)
     made: list[Signal] = []
     states: list[Signal] = []
 

@@ -1,7 +1,8 @@
 """Limits, dead zones, relays, rate limits."""
 
-from kennfeld.models.simulink.expressions.signals import Signal, Wired
-from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
+from kennfeld.models.simulink.expressions.signals import CONTINUOUS, Signal, Wired
+from kennfeld.models.simulink.files.tree import Block
+from kennfeld.models.simulink.weaving.registry import block
 from kennfeld.models.simulink.weaving.site import Site
 
 
@@ -75,25 +76,32 @@ def backlash(site: Site) -> Wired:
     return made[0]
 
 
-@block("RateLimiter", RisingSlewLimit="1", FallingSlewLimit="-1", InitialCondition="0", SampleTimeMode="continuous",
-       SampleTime="-1")  # fmt: skip
+def _sample_of_limiter(one: Block) -> str:
+    """A rate limiter runs in every step unless it inherits its sample time."""
+    return "SampleTime" if one.value("SampleTimeMode") == "inherited" else "ContinuousTime"
+
+
+@block("RateLimiter", sample=_sample_of_limiter, RisingSlewLimit="1", FallingSlewLimit="-1", InitialCondition="0",
+       SampleTimeMode="continuous", SampleTime="-1", ContinuousTime="0")  # fmt: skip
 def rate_limiter(site: Site) -> Wired:
-    """The input followed at a limited rate, from the initial value on."""
-    up, down = site.parameter("RisingSlewLimit"), site.parameter("FallingSlewLimit")
-    return _limited(site, site.discrete(site.input()), up, down)
+    """The input followed at a limited rate: from the initial value on, in continuous time from the input at first."""
+    mode = site.chosen("SampleTimeMode", "continuous", "inherited")
+    u = site.discrete(site.input())
+    in_time = mode == "continuous" or (site.weaver.clock.continuous and site.period() == CONTINUOUS)
+    init = u if in_time else site.parameter("InitialCondition")
+    return _limited(site, u, site.parameter("RisingSlewLimit"), site.parameter("FallingSlewLimit"), init)
 
 
 @block("Rate Limiter Dynamic", InitialCondition="0")
 def rate_limiter_dynamic(site: Site) -> Wired:
     """As a rate limiter with the rising limit at the first input and the falling one at the third."""
-    return _limited(site, site.discrete(site.input(1)), site.input(0), site.input(2))
+    u = site.discrete(site.input(1))
+    return _limited(site, u, site.input(0), site.input(2), site.parameter("InitialCondition"))
 
 
-def _limited(site: Site, u: Signal, up: Signal, down: Signal) -> Signal:
-    if site.text("SampleTimeMode", "continuous") not in ("continuous", "inherited"):
-        raise UnsupportedError(f"SampleTimeMode is {site.text('SampleTimeMode')!r}, which is not supported")
+def _limited(site: Site, u: Signal, up: Signal, down: Signal, init: Signal) -> Signal:
     made: list[Signal] = []
-    before = site.remember(site.parameter("InitialCondition"), lambda _: made[0])
+    before = site.remember(init, lambda _: made[0])
     step = site.step()
     moved = site.clip(site.call("sub", u, before), site.call("mul", down, step), site.call("mul", up, step))
     made.append(site.call("add", before, moved))

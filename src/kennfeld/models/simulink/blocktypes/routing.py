@@ -1,10 +1,14 @@
 """Signals put together, taken apart and passed on."""
 
+import re
+
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
+from kennfeld.models.simulink.blocktypes.words import word_of
 from kennfeld.models.simulink.expressions.arrays import towards_zero
 from kennfeld.models.simulink.expressions.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
+from kennfeld.models.simulink.flattening.atoms import Source
 from kennfeld.models.simulink.flattening.wires import member_names
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
@@ -13,18 +17,40 @@ _LONGEST_PICK = 10_000
 _MOST_COMPARISONS = 100_000
 
 
-@block("SignalConversion", "SignalSpecification", "RateTransition")
+@block("SignalConversion", "SignalSpecification")
 def passed(site: Site) -> Wired:
     """The signal itself."""
     return site.wired(0)
 
 
-@block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1")
+@block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1",
+       ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
 def conversion(site: Site) -> Wired:
     """The signal itself, since values are physical; as a truth value 1 wherever it is not 0."""
-    if site.text("OutDataTypeStr") in ("boolean", "logical"):
+    wanted = _wanted_type(site)
+    if site.text("ConvertRealWorld").startswith("Stored") and not (_is_plain(wanted) and word_of(_source(site))):
+        what = "it takes a number by its stored bits, and types of fixed point are left aside"
+        raise UnsupportedError(what, "Put a Gain of the scaling in its place, or bind it.")
+    if wanted in ("boolean", "logical"):
         return site.call("ne", site.input(), site.constant(0.0))
     return site.wired(0)
+
+
+def _wanted_type(site: Site) -> str:
+    """The type that a conversion makes, which older files state under other names; one that is inherited is none."""
+    for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
+        written = (site.atom.block.value(key) or "").strip()
+        if written and written != "auto" and not written.startswith(("Inherit", "Specify")):
+            return written
+    return ""
+
+
+def _source(site: Site) -> Source | None:
+    return site.atom.inputs[0] if site.atom.inputs else None
+
+
+def _is_plain(name: str) -> bool:
+    return re.fullmatch(r"u?int(8|16|32|64)|double|single|half", name) is not None
 
 
 @block("Mux", Inputs="4")

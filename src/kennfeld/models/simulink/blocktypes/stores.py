@@ -18,7 +18,7 @@ def data_store_memory(site: Site) -> Wired:
 
 
 def _memory(site: Site) -> Site:
-    if site.text("DataStoreElements", ""):
+    if site.text("DataStoreElements", "") or site.on("EnableIndexing"):
         raise UnsupportedError("it takes elements of its data store")
     if site.atom.store is None:
         raise UnsupportedError(f"there is no memory for the data store {site.text('DataStoreName')}")

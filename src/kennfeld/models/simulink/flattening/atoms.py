@@ -5,6 +5,7 @@ A conditional subsystem leaves a block `Control` behind that says when it runs.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 from kennfeld.models.simulink.files.tree import Block
@@ -101,6 +102,15 @@ class Flat:
     outports: list[Atom]
     chosen: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
+
+    @cached_property
+    def readers(self) -> dict[Atom, list[Atom]]:
+        """The blocks that read the outputs of a block."""
+        found: dict[Atom, list[Atom]] = {}
+        for atom in self.atoms:
+            for before in {source.atom for source in atom.inputs if source is not None}:
+                found.setdefault(before, []).append(atom)
+        return found
 
     @property
     def recorded(self) -> list[Atom]:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.signals import CONTINUOUS, Nodes, Signal
 from kennfeld.models.simulink.weaving.guesses import Key
 from kennfeld.models.simulink.weaving.integration import Integrated, advance
@@ -38,14 +37,13 @@ class ContinuousStates:
         if site.atom.passes:
             raise UnsupportedError("it is integrated over time in a subsystem that runs several times in a step")
         key = (site.atom, number)
-        shape = self.shapes.of(key, init)
-        first = resized(init.nodes, shape) if init.size in (1, int(np.prod(shape))) else init.nodes
+        first = self._first(site, key, init, reset, limits)
         states = self.memories.ports.states(key, first)
         read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), CONTINUOUS)
         seen = self.memories.restarted(site.atom, read, first)
         if reset is not None:
-            nodes = each(self.loom, "select", self.memories.timing.at_major(reset).nodes, first, seen.nodes)
-            seen = replace(seen, nodes=nodes)
+            again = site.select(self.memories.timing.at_major(reset), Signal(first), seen)
+            seen = replace(seen, nodes=again.nodes)
 
         def complete() -> None:
             moving = self._slopes(site, key, seen, slope)
@@ -53,6 +51,15 @@ class ContinuousStates:
 
         self.memories.agenda.add(site.atom, complete)
         return seen
+
+    def _first(
+        self, site: Site, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
+    ) -> Nodes:
+        """The states at first, within their limits; as many as there are resets or limits, if these are several."""
+        inside = init if limits is None else site.clip(init, *limits)
+        first = site.spread(inside, *(one for one in (reset, *(limits or ())) if one is not None))[0]
+        shape = self.shapes.of(key, first)
+        return resized(first.nodes, shape) if first.size in (1, int(np.prod(shape))) else first.nodes
 
     def _slopes(self, site: Site, key: Key, seen: Signal, slope: Callable[[Signal], Signal]) -> Nodes:
         """The slopes of a block's states; the next pass takes another shape that they have."""
@@ -65,7 +72,7 @@ class ContinuousStates:
         if rates.size == 1 < seen.size:
             self.memories.check_widened(site, key)
         if rates.size > 1 and rates.shape != seen.shape:
-            self.shapes.guesses.shape(key, rates.shape)
+            self.memories.ask(site, key, rates.shape, seen.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
         return resized(rates.nodes, seen.shape)
 
@@ -81,7 +88,7 @@ class ContinuousStates:
         """Note the states of a block for the solver."""
         low, high = (None, None) if limits is None else tuple(resized(x.nodes, seen.shape).ravel() for x in limits)
         active = self.memories.gates.active(site.atom)
-        parts = zip(states, first.ravel(), seen.nodes.ravel(), moving.ravel(), strict=False)
+        parts = zip(states, first.ravel(), seen.nodes.ravel(), moving.ravel(), strict=True)
         for at, (state, init, now, rate) in enumerate(parts):
             bounds = (None, None) if low is None or high is None else (int(low[at]), int(high[at]))
             self._found.append(Integrated(state, int(init), int(now), int(rate), bounds, active))

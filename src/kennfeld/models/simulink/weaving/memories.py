@@ -10,7 +10,7 @@ from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.flattening.atoms import STATE, Atom
 from kennfeld.models.simulink.weaving.gates import Gates
-from kennfeld.models.simulink.weaving.guesses import Key
+from kennfeld.models.simulink.weaving.guesses import Key, Shape
 from kennfeld.models.simulink.weaving.site import Site, resized
 from kennfeld.models.simulink.weaving.state_ports import StatePorts
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
@@ -130,8 +130,15 @@ class Memories:
         if new.size == 1:
             self.check_widened(site, key)
             return replace(new, nodes=resized(new.nodes, seen.shape))
-        self.guesses.shape(key, new.shape)
+        self.ask(site, key, new.shape, seen.shape)
         return seen
+
+    def ask(self, site: Site, key: Key, wanted: Shape, there: Shape) -> None:
+        """Give a memory another shape in the next pass; tell of one that did not take it, as what it starts with."""
+        if self.guesses.shapes.get(key) == wanted:
+            sizes = ["x".join(map(str, shape)) for shape in (there, wanted)]
+            self.failures.note(site.atom, f"what it starts with has the size {sizes[0]}, and its input {sizes[1]}")
+        self.guesses.shape(key, wanted)
 
     def _inherited(self, site: Site) -> float:
         """The sample time of a block's inputs."""

@@ -138,13 +138,21 @@ class Site:
         """The signal at an input, counted from 0."""
         found = self.wired(index)
         if isinstance(found, OpenBus):
-            return found.signal
+            found = found.signal
+        if isinstance(found, Signal) and index == 0:
+            self._check_frame(found)
         if isinstance(found, Bus):
             only = [member for member in found.members.values() if isinstance(member, Signal)]
             if len(only) == len(found.members) == 1:
                 return only[0]
             raise UnsupportedError(f"its input {index + 1} is a bus", "Select one signal of the bus before the block.")
         return found
+
+    def _check_frame(self, found: Signal) -> None:
+        """Raise `UnsupportedError` where the rows of an input are samples one after the other."""
+        if found.shape[0] > 1 and self.text("InputProcessing", "").startswith("Columns"):
+            mend = "Set its input processing to elements as channels, or bind it."
+            raise UnsupportedError(f"its input is a frame of {found.shape[0]} samples, which is not supported", mend)
 
     def bus(self, index: int = 0) -> Wired:
         """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""

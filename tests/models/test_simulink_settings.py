@@ -1,0 +1,117 @@
+"""Settings of blocks that change a result: followed, or refused with the reason."""
+
+import numpy as np
+import pytest
+from scipy import signal
+from simulink_files import Model
+from simulink_runs import alone, imported, run, slopes
+
+from kennfeld.errors import InputError
+
+U = np.random.default_rng(17).normal(size=30)
+
+FRAMES = {"InputProcessing": "Columns as channels (frame based)"}
+STORED = {"ConvertRealWorld": "Stored Integer (SI)"}
+STARTS = "its states in the direct form i have initial values"
+REFUSED = [
+    ("DiscreteFilter", {"Numerator": "[1 2; 3 4]"}, "its Numerator is a matrix of 2 filters"),
+    ("DiscreteTransferFcn", {"Numerator": "[1 2; 3 4]", "Denominator": "[1 0 0 0]"}, "is a matrix of 2 filters"),
+    ("DiscreteFilter", {"FilterStructure": "Direct form I", "InitialStates": "1"}, STARTS),
+    ("DiscreteFir", {"Coefficients": "[1 2; 3 4]"}, "its Coefficients is a matrix of 2 filters"),
+    ("DiscreteFir", {"FilterStructure": "Lattice MA"}, "FilterStructure is 'Lattice MA'"),
+    ("DiscreteFir", {"FilterStructure": "Direct form transposed", "InitialStates": "1"}, "have initial values"),
+    ("DataTypeConversion", {"OutDataTypeStr": "fixdt(0,16,13)", **STORED}, "it takes a number by its stored bits"),
+    ("DataTypeConversion", {"OutDataTypeStr": "uint16", **STORED}, "it takes a number by its stored bits"),
+]
+
+
+@pytest.mark.parametrize(("kind", "parameters", "told"), REFUSED)
+def test_what_is_not_followed_is_refused(kind, parameters, told, tmp_path):
+    with pytest.raises(InputError, match=told):
+        imported(alone(kind, **parameters), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [("UnitDelay", {}), ("Delay", {"DelayLength": "1"}), ("DiscreteFilter", {}), ("DiscreteFir", {}), ("Relay", {})],
+)
+@pytest.mark.parametrize("shape", ["3", "[3 2]"])
+def test_the_rows_of_a_frame_are_no_channels(kind, parameters, shape, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", PortDimensions=shape)
+    drawn.block(kind, "B", ports=(1, 1), **parameters, **FRAMES)
+    drawn.outport("y")
+    drawn.chain("u", "B", "y")
+    with pytest.raises(InputError, match="B: its input is a frame of 3 samples"):
+        imported(drawn, tmp_path)
+
+
+def test_the_columns_of_a_frame_of_one_row_are_channels(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    for at in (1, 2):
+        drawn.inport(f"u{at}")
+    drawn.block("Concatenate", "Row", ports=(2, 1), Mode="Multidimensional array", ConcatenateDimension="2")
+    drawn.block("UnitDelay", "Z", SampleTime="-1", **FRAMES)
+    drawn.block("Demux", "D", ports=(1, 2), Outputs="2")
+    drawn.line("u1", "Row:1")
+    drawn.line("u2", "Row:2")
+    drawn.chain("Row", "Z", "D")
+    drawn.outport("y")
+    drawn.line("D:2", "y")
+    found = run(imported(drawn, tmp_path), {"u1": U, "u2": 2 * U})["y"]
+    np.testing.assert_array_equal(found, [0.0, *2 * U[:-1]])
+
+
+@pytest.mark.parametrize("key", ["OutDataTypeStr", "OutDataTypeMode", "DataType"])
+def test_a_conversion_to_a_truth_value_has_had_several_names(key, tmp_path):
+    given = {"DataType": "auto", "OutDataTypeMode": "Inherit via back propagation"} | {key: "boolean"}
+    found = run(imported(alone("DataTypeConversion", **given), tmp_path), {"u1": [0.0, 2.5, -1.0]})["y1"]
+    np.testing.assert_array_equal(found, [0, 1, 1])
+
+
+def test_stored_bits_of_whole_numbers_are_the_numbers(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", OutDataTypeStr="int16")
+    drawn.block("DataTypeConversion", "C", OutDataTypeStr="uint16", **STORED)
+    drawn.outport("y")
+    drawn.chain("u", "C", "y")
+    np.testing.assert_array_equal(run(imported(drawn, tmp_path), {"u": [0.0, 7.0]})["y"], [0, 7])
+
+
+@pytest.mark.parametrize("kind", ["DiscreteFilter", "DiscreteTransferFcn"])
+def test_the_states_of_a_filter_are_those_behind_its_leading_coefficient(kind, tmp_path):
+    b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
+    model = imported(alone(kind, Numerator=str(b), Denominator=str(a), InitialStates="[s 3]"), tmp_path,
+                     parameters=[{"s": -1.5}])  # fmt: skip
+    found = run(model, {"u1": U})["y1"]
+    states = [-1.5, 3.0]
+    for k, u in enumerate(U):
+        w = (u - a[1] * states[0] - a[2] * states[1]) / a[0]
+        assert found[k] == pytest.approx(b[0] * w + b[1] * states[0] + b[2] * states[1], abs=1e-13), k
+        states = [w, states[0]]
+    exact, differences = slopes(model, {"u1": U}, "s", "y1")
+    np.testing.assert_allclose(exact, differences, atol=1e-9)
+
+
+def test_structures_are_the_same_filter_from_rest(tmp_path):
+    b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
+    expected = signal.lfilter(b, a, U)
+    for structure in ("Direct form I", "Direct form I transposed", "Direct form II", "Direct form II transposed"):
+        drawn = alone("DiscreteFilter", Numerator=str(b), Denominator=str(a), FilterStructure=structure)
+        np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], expected, atol=1e-13)
+
+
+def test_the_inverse_hyperbolic_sine_of_large_numbers(tmp_path):
+    u = np.array([-1e12, -1e8, -30.0, -0.1, 0.0, 0.1, 30.0, 1e12])
+    found = run(imported(alone("Trigonometry", Operator="asinh"), tmp_path), {"u1": u})["y1"]
+    np.testing.assert_allclose(found, np.arcsinh(u), rtol=1e-14)
+
+
+def test_elements_of_a_data_store_are_refused(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="A", InitialValue="[1 2 3]")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A", EnableIndexing="on")
+    drawn.outport("y")
+    drawn.line("R", "y")
+    with pytest.raises(InputError, match="R: it takes elements of its data store"):
+        imported(drawn, tmp_path)
