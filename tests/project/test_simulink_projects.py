@@ -8,13 +8,14 @@ import pytest
 from simulink_files import LAYOUTS, Model
 from torque_drawing import torque
 
-from kennfeld import cli
+from kennfeld import cli, parameters
 from kennfeld.calfiles import read
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models import started
 from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.importing import simulink
+from kennfeld.models.simulink.text import write_formula
 from kennfeld.optimize.api import simulate
 from kennfeld.parameters import Curve, ParameterSet
 from kennfeld.project import Project
@@ -96,6 +97,15 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
     assert json.loads((drawn.folder / "line.json").read_text())["Slope"]["value"] == 3
     assert cli.run(["convert", str(drawn.folder / "line.slx"), str(target.with_suffix(".dcm"))]) == 2
     assert "formula text" in capsys.readouterr().err
+
+
+def test_python_writes_formula_text_though_no_calibration_file_was_read_before(drawn, monkeypatch):
+    monkeypatch.setattr(parameters, "_writer", None)
+    (drawn.folder / "init.m").write_text("Slope = 3;")
+    folder = str(drawn.folder)
+    written = write_formula(f"{folder}/line.slx", f"{folder}/line.kf", parameters=[f"{folder}/init.m"])
+    assert [path.name for path in written] == ["line.kf", "line.json"]
+    assert read(written[1])["Slope"].value == 3
 
 
 def test_formula_text_has_the_blocks_names_below_their_subsystems(tmp_path):
