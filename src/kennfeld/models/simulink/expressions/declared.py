@@ -1,5 +1,6 @@
 """The parameters that a model looks up, collected while its graph is built."""
 
+import math
 from collections.abc import Collection
 from typing import Any
 
@@ -32,7 +33,7 @@ class Declared:
         if known is not None and known.axes:  # a table that is used as numbers as well stays as it is
             return _constants(loom, np.atleast_2d(numbers))
         if numbers.size == 1:
-            self._add(Scalar(name, float(numbers.ravel()[0]), **_said(variable)), variable)
+            self._add(Scalar(name, float(numbers.ravel()[0]), **_said(variable, ())), variable)
             return np.full(shape, loom.lookup(name), dtype=np.int64)
         if not np.all(np.isfinite(numbers)):
             return _constants(loom, np.atleast_2d(numbers))
@@ -40,7 +41,7 @@ class Declared:
 
     def _block(self, loom: Loom, name: str, numbers: Array, variable: Variable) -> Nodes:
         flat = numbers.ravel() if 1 in np.atleast_2d(numbers).shape else numbers
-        self._add(Block(name, flat, **_said(variable)), variable)
+        self._add(Block(name, flat, **_said(variable, flat.shape)), variable)
         made = np.empty(flat.shape, dtype=np.int64)
         for place in np.ndindex(*flat.shape):
             made[place] = loom.lookup(name, *(loom.const(float(index)) for index in place))
@@ -51,7 +52,7 @@ class Declared:
     ) -> Parameter:
         """The curve, map or cube of a table; the one that is there already where it is the same."""
         axes = [self._group(axis) for axis in axes]
-        said = _said(variable)
+        said = _said(variable, values.shape)
         made = parameter(name, values, axes, locked=np.array(locked), extrapolation=beyond, **said)
         known = self.parameters.get(name)
         if known is not None and _same(known, made):
@@ -93,12 +94,13 @@ def _same(one: Parameter, other: Parameter) -> bool:
     )
 
 
-def _said(variable: Variable) -> dict[str, Any]:
-    """What a variable's source says beside its value; limits that its own value breaks are left aside."""
-    numbers = np.asarray(variable.value, dtype=np.float64)
-    inside = bool(np.all((numbers >= variable.lower) & (numbers <= variable.upper)))
-    bounds = {"lower": np.array(variable.lower), "upper": np.array(variable.upper)} if inside else {}
-    return {"unit": variable.unit, "description": variable.description, **bounds}
+def _said(variable: Variable, shape: tuple[int, ...]) -> dict[str, Any]:
+    """What a variable's source says beside its value, the limits for values of a shape."""
+    bounds = {side: np.asarray(getattr(variable, side)) for side in ("lower", "upper")}
+    size = math.prod(shape)
+    fitting = {side: bound.reshape(shape) if bound.size == size else bound for side, bound in bounds.items()}
+    known = {side: bound for side, bound in fitting.items() if bound.size in (1, size)}
+    return {"unit": variable.unit, "description": variable.description, **known}
 
 
 def _constants(loom: Loom, numbers: Array) -> Nodes:

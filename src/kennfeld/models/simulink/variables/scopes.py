@@ -1,7 +1,7 @@
 """What a name means in a block's parameters: masks from the inside out, then the variables of the model."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, Union
 
 import numpy as np
@@ -23,18 +23,27 @@ Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
 class Variable:
     """A variable of the model: its value, and what its source says of it.
 
-    `source` names that source; `axes` are those that a calibration file gives a table. What is `fixed`, such as the
-    members of an enumeration, is no parameter.
+    `lower` and `upper` are a number each, or one for each number of the value. `source` names that source; `axes` are
+    those that a calibration file gives a table. What is `fixed`, such as the members of an enumeration, is no
+    parameter.
     """
 
     value: Value
-    lower: float = -np.inf
-    upper: float = np.inf
+    lower: float | Array = -np.inf
+    upper: float | Array = np.inf
     unit: str = ""
     description: str = ""
     source: str = ""
     axes: tuple[Axis, ...] = ()
     fixed: bool = False
+
+    def limited(self, lower: float | None, upper: float | None) -> "Variable":
+        """The variable with the limits of its source, None for none; those that its own value breaks are left aside."""
+        lowest, highest = -np.inf if lower is None else lower, np.inf if upper is None else upper
+        value = self.value.get("Table") if isinstance(self.value, Mapping) else self.value
+        if not isinstance(value, np.ndarray) or not np.all((value >= lowest) & (value <= highest)):
+            return self
+        return replace(self, lower=lowest, upper=highest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Arrays that are a parameter as a whole: the variable behind a table's field, or the field itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,8 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable] | 
         value = part_of(found.value, way)
     except NoValueError:
         return None
+    if way[1:] == ["Table"]:  # the limits and the unit of a table object are those of its table
+        return ".".join(way), replace(found, value=value)
     return ".".join(way), found if len(way) == 1 else Variable(value, source=found.source)
 
 
