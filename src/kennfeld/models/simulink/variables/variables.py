@@ -46,9 +46,9 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
         else:
             over += _file(found, Path(one))
     _workspace(found, document)
-    for values in over:
-        for parameter in values.values():
-            found[parameter.name] = _with(found.get(parameter.name), parameter)
+    given_over = {parameter.name: parameter for values in over for parameter in values.values()}
+    found.strangers = ParameterSet(one for name, one in given_over.items() if name.partition(".")[0] not in found)
+    found.update({name: _with(found.get(name), parameter) for name, parameter in given_over.items()})
     return found
 
 
