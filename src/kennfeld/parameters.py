@@ -202,6 +202,11 @@ class Parameter:
         return self.values.size
 
     @property
+    def limited(self) -> bool:
+        """Whether any of its values has a bound."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @property
     def index_axes(self) -> tuple[Axis, ...]:
         """The axes a lookup searches: the own ones, or the positions 0, 1, ... of a value block."""
         return self.axes

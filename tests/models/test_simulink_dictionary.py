@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from simulink_data import entry, mxarray, numbers, sldd, thing
 from simulink_files import zipped
+from simulink_runs import alone, imported
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.variables.dictionary import read_dictionary
@@ -159,3 +160,14 @@ def test_a_workspace_is_no_dictionary(tmp_path):
     (tmp_path / "d.sldd").write_bytes(mxarray({"K": 1.0}))
     with pytest.raises(InputError, match="is no data dictionary"):
         read_dictionary(tmp_path / "d.sldd")
+
+
+def test_a_table_object_keeps_the_limits_and_the_unit_of_its_table(tmp_path):
+    axis = thing("Simulink.lookuptable.Breakpoint", "Breakpoints", Value=[[0.0, 2.0]])
+    table = thing("Simulink.lookuptable.Table", "Table", Value=[[1.0, 2.0]], Min=0.0, Max=8.0, Unit="Nm")
+    (tmp_path / "data.sldd").write_bytes(sldd({"Eta": thing("Simulink.LookupTable", table=table, axes=axis)}))
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", DataSpecification="Lookup table object",
+                  LookupTableObject="Eta")  # fmt: skip
+    found = imported(drawn, tmp_path, parameters=[tmp_path / "data.sldd"]).values["Eta"]
+    np.testing.assert_array_equal([found.lower, found.upper], [[0.0, 0.0], [8.0, 8.0]])
+    assert found.unit == "Nm"

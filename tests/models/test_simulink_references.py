@@ -1,4 +1,4 @@
-"""Subsystems whose content is a file of its own."""
+"""Subsystems and models whose content is a file of its own."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from kennfeld.parameters import Curve, ParameterSet, Scalar
 
 U = np.random.default_rng(3).normal(size=20)
 
@@ -111,3 +112,64 @@ def test_a_model_is_no_subsystem_file(tmp_path):
     found = import_simulink(user("whole").write(tmp_path))
     assert found.model is None
     assert any("whole.slx, which is a model" in remark for remark in found.report.remarks)
+
+
+def scaled(name, code="", **options):
+    """A model of a gain and a table that are variables, which its code gives values."""
+    made = Model(name, step="0.1", solver="FixedStepDiscrete", code=code, **options)
+    made.inport("x")
+    made.block("Gain", "K", Gain="k")
+    made.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[-9 0 9]")
+    made.outport("y")
+    made.outport("z")
+    made.chain("x", "K", "y")
+    made.chain("x", "T", "z")
+    return made
+
+
+def around(code=""):
+    """A model around two others, which come first in the order of the outports."""
+    made = Model("top", step="0.1", solver="FixedStepDiscrete", code=code)
+    made.inport("u")
+    for name in ("one", "two"):
+        made.block("ModelReference", name, ports=(1, 2), ModelNameDialog=name)
+        made.line("u", name)
+        for port in (1, 2):
+            made.outport(f"{name}{port}")
+            made.line(f"{name}:{port}", f"{name}{port}")
+    made.block("Gain", "K", Gain="k")
+    made.outport("y")
+    made.chain("u", "K", "y")
+    return made
+
+
+def test_variables_of_one_name_in_several_models_are_told_apart(tmp_path):
+    scaled("one", "k = 2; Eta = [1 2 3];").write(tmp_path)
+    scaled("two", "k = 3; Eta = [4 1 0];").write(tmp_path)
+    model = imported(around("k = 5;"), tmp_path)
+    found = run(model, {"u": U})
+    for name, factor, values in (("one", 2, [1, 2, 3]), ("two", 3, [4, 1, 0])):
+        np.testing.assert_allclose(found[f"{name}1"], factor * U, rtol=1e-13)
+        np.testing.assert_allclose(found[f"{name}2"], np.interp(U, [-9, 0, 9], values), rtol=1e-12)
+    np.testing.assert_allclose(found["y"], 5 * U, rtol=1e-13)
+    assert {name: one.values.tolist() for name, one in model.values.items()} == {
+        "k": 5.0, "k_2": 2.0, "k_3": 3.0, "Eta": [1.0, 2.0, 3.0], "Eta_2": [4.0, 1.0, 0.0],
+    }  # fmt: skip
+    exact, differences = slopes(model, {"u": U}, "k_3", "two1")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
+
+
+def test_variables_of_one_name_and_value_are_one_parameter(tmp_path):
+    for name in ("one", "two"):
+        scaled(name, "k = 5; Eta = [1 2 3];").write(tmp_path)
+    assert list(imported(around("k = 5;"), tmp_path).values) == ["k", "Eta"]
+
+
+def test_a_calibration_file_goes_over_the_variable_of_a_referenced_model_that_is_known_there_alone(tmp_path):
+    for name in ("one", "two"):
+        scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path)
+    given = ParameterSet([Scalar("k", 7.0), Curve("Eta", [-9, 0, 9], [0.0, 5.0, 5.0])])
+    found = run(imported(around("k = 5;"), tmp_path, parameters=[given]), {"u": U})
+    np.testing.assert_allclose(found["y"], 7 * U, rtol=1e-13)
+    np.testing.assert_allclose(found["one1"], 2 * U, rtol=1e-13)
+    np.testing.assert_allclose(found["two2"], np.interp(U, [-9, 0, 9], [0.0, 5.0, 5.0]), rtol=1e-12)

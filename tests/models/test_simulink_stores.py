@@ -223,6 +223,9 @@ def test_a_large_model_is_built_quickly_and_a_long_chain_does_not_break_it(tmp_p
         ("a = 2*a; b = a; b = b + 1; disp(b)", 4.0, True),
         ("if a > 1\n  b = 4;\nelse\n  b = 0;\nend", 4.0, False),
         ("b = 0;\nfor k = 1:3\n  b = b + k*a;\nend", 9.0, False),
+        ("v(2) = 1; b = 2*a + 1;", 4.0, True),
+        ("a = 2*a; v(1) = a; v(2) = 1; b = v(1);", 3.0, False),
+        ("v(1) = a; b = v(1); v(1) = 9;", 1.5, False),
     ],
 )
 def test_masks_with_code_are_followed(code, gain, exact, tmp_path):

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from simulink_files import LAYOUTS, Model
+from simulink_files import LAYOUTS, Mask, Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from kennfeld.parameters import Map, ParameterSet
 
 RNG = np.random.default_rng(31)
 COUNT = 25
@@ -195,3 +196,85 @@ def test_a_spline_through_two_points_is_a_line_and_one_through_very_many_is_refu
 def test_a_slider_is_a_gain(tmp_path):
     found = run(imported(alone("Reference", special="Slider Gain", gain="2.5"), tmp_path), {"u1": U})["y1"]
     np.testing.assert_allclose(found, 2.5 * U)
+
+
+MATRIX = np.array([[1.0, 2.0], [5.0, 3.0]])
+
+
+def map_of(drawn, name, table, **parameters):
+    """A map of two rows and columns from u and v to an outport."""
+    drawn.block("Lookup_n-D", name, ports=(2, 1), NumberOfTableDimensions="2", Table=table, ExtrapMethod="Linear",
+                BreakpointsForDimension1="[0 1]", BreakpointsForDimension2="[0 1]", **parameters)  # fmt: skip
+    drawn.outport(f"y{name}")
+    drawn.line("u", f"{name}:1")
+    drawn.line("v", f"{name}:2")
+    drawn.line(name, f"y{name}")
+
+
+def between_corners(table, u, v):
+    return (1 - u) * (1 - v) * table[0, 0] + (1 - u) * v * table[0, 1] + u * (1 - v) * table[1, 0] + u * v * table[1, 1]
+
+
+def transposed():
+    """Maps of a matrix and of its transpose, the latter straight and through a mask that turns it twice more."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.inport("v")
+    map_of(drawn, "A", "M'")
+    map_of(drawn, "B", "M")
+    inner = drawn.subsystem("S", mask=Mask({"N": "M'"}))
+    inner.inport("u")
+    inner.inport("v")
+    map_of(inner, "C", "N''")
+    drawn.outport("yS")
+    drawn.line("u", "S:1")
+    drawn.line("v", "S:2")
+    drawn.line("S", "yS")
+    return drawn
+
+
+@pytest.mark.parametrize("given", [{"M": MATRIX}, ParameterSet([Map("M", [0, 1], [0, 1], MATRIX)])])
+def test_a_matrix_and_its_transpose_are_two_tables(given, tmp_path):
+    model = imported(transposed(), tmp_path, parameters=[given])
+    columns = {"u": RNG.uniform(-1, 2, COUNT), "v": RNG.uniform(-1, 2, COUNT)}
+    found = run(model, columns)
+    np.testing.assert_allclose(found["yB"], between_corners(MATRIX, **columns), rtol=1e-12)
+    for name in ("yA", "yS"):
+        np.testing.assert_allclose(found[name], between_corners(MATRIX.T, **columns), rtol=1e-12)
+    assert {name: one.values.tolist() for name, one in model.values.items()} == {
+        "M'": MATRIX.T.tolist(), "M": MATRIX.tolist(),
+    }  # fmt: skip
+    exact, differences = slopes(model, columns, "M'", "yA")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
+
+
+def test_axes_and_limits_of_a_transposed_table_change_over(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.inport("v")
+    map_of(drawn, "A", "M'")
+    given = Map("M", [0, 10], [0, 1, 2], np.arange(6.0).reshape(2, 3), lower=-np.arange(6.0).reshape(2, 3))
+    found = imported(drawn, tmp_path, parameters=[ParameterSet([given])]).values["M'"]
+    assert [axis.breakpoints.tolist() for axis in found.axes] == [[0, 1, 2], [0, 10]]
+    np.testing.assert_array_equal(found.lower, given.lower.T)
+
+
+def test_a_row_that_is_transposed_stays_the_variable(tmp_path):
+    model = imported(alone("Lookup_n-D", NumberOfTableDimensions="1", Table="R'", BreakpointsForDimension1="[0 1 3]"),
+                     tmp_path, parameters=[{"R": [[1.0, 2.0, 0.0]]}])  # fmt: skip
+    assert list(model.values) == ["R"]
+
+
+@pytest.mark.parametrize("first", ["Gain", "Lookup_n-D"])
+def test_a_variable_may_be_a_table_and_numbers(first, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    curve = {"NumberOfTableDimensions": "1", "BreakpointsForDimension1": "[0 1 3]", "ExtrapMethod": "Clip"}
+    kinds = {"Gain": {"Gain": "R"}, "Lookup_n-D": {"Table": "R", **curve}}
+    for kind in sorted(kinds, key=lambda kind: kind != first):
+        drawn.block(kind, kind, **kinds[kind])
+        drawn.outport(f"y{kind}")
+        drawn.chain("u", kind, f"y{kind}")
+    found = run(imported(drawn, tmp_path, parameters=[{"R": [1.0, 2.0, 0.0]}]), {"u": U})
+    np.testing.assert_allclose(found["yLookup_n-D"], np.interp(U, [0, 1, 3], [1, 2, 0]), atol=1e-12)
+    np.testing.assert_allclose(found["yGain[2]"], 2 * U)

@@ -5,18 +5,20 @@ import re
 
 import numpy as np
 import pytest
+from simulink_data import sldd, thing
 from simulink_files import LAYOUTS, Model
 from torque_drawing import torque
 
-from kennfeld import cli
+from kennfeld import cli, parameters
 from kennfeld.calfiles import read
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models import started
 from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.importing import simulink
-from kennfeld.optimize.api import simulate
-from kennfeld.parameters import Curve, ParameterSet
+from kennfeld.models.simulink.text import write_formula
+from kennfeld.optimize.api import calibrate, simulate
+from kennfeld.parameters import Curve, ParameterSet, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 
@@ -60,6 +62,68 @@ def test_values_come_from_scripts_that_the_project_names(drawn):
     assert drawn.project.calibrate().parameters["Slope"].value == pytest.approx(3, rel=1e-9)
 
 
+@pytest.fixture
+def bounded(drawn):
+    """The project with a dictionary that keeps Slope between 0 and 2.5, in Nm."""
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
+    drawn.change("[[dataset]]", "parameters = 'data.sldd'\n[[dataset]]")
+    content = sldd({"Slope": thing("Simulink.Parameter", Value=1.0, Min=0.0, Max=2.5, DocUnits="Nm")})
+    (drawn.folder / "data.sldd").write_bytes(content)
+    return drawn
+
+
+def start_from(project, parameter, ending):
+    write_parameters(ParameterSet([parameter]), project.folder / f"start.{ending}")
+    project.change("[[dataset]]", f"[calibration]\ninitial = 'start.{ending}'\n[[dataset]]")
+
+
+@pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json", "m"])
+def test_limits_of_a_dictionary_hold_for_a_value_from_a_calibration_file(bounded, ending):
+    start_from(bounded, Scalar("Slope", 0.5), ending)
+    slope = bounded.project.problem().parameters["Slope"]
+    assert (slope.value, float(slope.lower), float(slope.upper)) == (0.5, 0.0, 2.5)
+    assert bounded.project.calibrate().parameters["Slope"].value == 2.5
+
+
+def test_parameters_that_state_limits_have_their_way(bounded):
+    given = ParameterSet([Scalar("Slope", 0.5, lower=np.array(0.25))])
+    path, dictionary = bounded.folder / "line.slx", bounded.folder / "data.sldd"
+    for found in (
+        started(simulink(path, parameters=[dictionary]).values, given),
+        simulink(path, parameters=[dictionary, given]).values,
+    ):
+        assert (float(found["Slope"].lower), float(found["Slope"].upper)) == (0.25, np.inf)
+
+
+@pytest.mark.parametrize("start", [{"Slope": 0.5}, ParameterSet([Scalar("Slope", 0.5)])])
+def test_limits_of_a_dictionary_hold_for_a_start_that_python_gives(bounded, start):
+    model = simulink(bounded.folder / "line.slx", parameters=[bounded.folder / "data.sldd"])
+    u = np.linspace(-2, 2, 20)
+    data = {"u": u, "z": 3 * u + 1.5}
+    assert calibrate(model, data, start, target="z").parameters["Slope"].value == 2.5
+    free = calibrate(model, data, start, target="z", limits={"Slope": (-np.inf, np.inf)})
+    assert free.parameters["Slope"].value == pytest.approx(3, rel=1e-9)
+
+
+def test_a_start_beyond_the_limits_of_a_dictionary_is_moved_onto_them(bounded):
+    start_from(bounded, Scalar("Slope", 7.0), "dcm")
+    assert bounded.project.calibrate().parameters["Slope"].value == 2.5
+
+
+def test_limits_of_a_table_hold_for_values_over_other_breakpoints(tmp_path):
+    drawn = Model("bounded", step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 3]")
+    drawn.outport("y")
+    drawn.chain("u", "T", "y")
+    content = sldd({"Eta": thing("Simulink.Parameter", Value=[1.0, 2.0, 6.0], Min=0.0, Max=8.0)})
+    (tmp_path / "data.sldd").write_bytes(content)
+    own = simulink(drawn.write(tmp_path, DRAWN), parameters=[tmp_path / "data.sldd"]).values
+    read_from_file = ParameterSet([Curve("Eta", [0, 1, 3, 4], [2, 3, 7, 8])])
+    found = started(own, read_from_file)["Eta"]
+    np.testing.assert_array_equal([found.lower, found.upper], [[0.0] * 4, [8.0] * 4])
+
+
 def test_a_literal_that_the_project_names_is_a_parameter(drawn):
     drawn.add('[parameters."Plus:Bias"]\ninitial = 0.0\n')
     found = drawn.project.calibrate().parameters
@@ -96,6 +160,15 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
     assert json.loads((drawn.folder / "line.json").read_text())["Slope"]["value"] == 3
     assert cli.run(["convert", str(drawn.folder / "line.slx"), str(target.with_suffix(".dcm"))]) == 2
     assert "formula text" in capsys.readouterr().err
+
+
+def test_python_writes_formula_text_though_no_calibration_file_was_read_before(drawn, monkeypatch):
+    monkeypatch.setattr(parameters, "_writer", None)
+    (drawn.folder / "init.m").write_text("Slope = 3;")
+    folder = str(drawn.folder)
+    written = write_formula(f"{folder}/line.slx", f"{folder}/line.kf", parameters=[f"{folder}/init.m"])
+    assert [path.name for path in written] == ["line.kf", "line.json"]
+    assert read(written[1])["Slope"].value == 3
 
 
 def test_formula_text_has_the_blocks_names_below_their_subsystems(tmp_path):
@@ -182,7 +255,8 @@ def test_a_table_from_a_calibration_file_goes_on_beyond_its_ends_as_in_the_model
     np.testing.assert_allclose(found["y"], [0, 9])
 
 
-def test_python_starts_from_a_calibration_file_without_clipping_the_tables_of_a_model(shop):
+@pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json", "m"])
+def test_python_starts_from_a_calibration_file_without_clipping_the_tables_of_a_model(shop, ending):
     drawn = Model("beyond")
     drawn.inport("u")
     drawn.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 3]",
@@ -191,8 +265,8 @@ def test_python_starts_from_a_calibration_file_without_clipping_the_tables_of_a_
     drawn.chain("u", "T", "y")
     source = drawn.write(shop.folder, DRAWN)
     model = simulink(source, parameters=[{"Eta": [1.0, 2.0, 6.0]}])
-    write_parameters(model.values, shop.folder / "start.dcm")
-    start = read(shop.folder / "start.dcm")
+    write_parameters(model.values, shop.folder / f"start.{ending}")
+    start = read(shop.folder / f"start.{ending}")
     found = simulate(model, {"u": [-2.0, 4.0]}, start)
     np.testing.assert_allclose(found["y"].values, [-1, 8])
     clipped = ParameterSet([model.values["Eta"].changed(extrapolation="clip")])

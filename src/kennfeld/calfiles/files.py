@@ -92,7 +92,8 @@ def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     `a2l` is the description of an image (Intel HEX, S-records); by default the A2L file of the same name beside it,
     or the only one there. Raises `InputError` with every finding: the thing, its value, the line, the mend.
     """
-    return _content(Path(path), a2l).parameters
+    parameters = _content(Path(path), a2l).parameters
+    return parameters if parameters.origin is not None else parameters.from_origin(Path(path))
 
 
 def read_several(

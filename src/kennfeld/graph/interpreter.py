@@ -86,12 +86,37 @@ class Interpreter:
     def _start(
         self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], firsts: Sequence[int] | None
     ) -> list[list[float]]:
-        """First values: as the graph gives them, or by sweeps until the states that start from others have settled."""
-        current = [np.nan] * len(states)
-        for _ in range(1 if firsts is not None else len(states)):
-            values = self._step(nodes, here, current)
-            current = [float(values[at][0]) for at in (firsts or [s.init for s in states])]
+        """The memories of states before the first sample; a state may start from others."""
+        if firsts is not None:
+            values = self._step(nodes, here, [np.nan] * len(states))
+            current = [float(values[at][0]) for at in firsts]
+        else:
+            order = _first_nodes(nodes, states)
+            current = self._settled(nodes, states, here) if order is None else self._first(nodes, states, here, order)
         return [[value] * state.latency for value, state in zip(current, states, strict=True)]
+
+    def _first(
+        self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], order: Sequence[int]
+    ) -> list[float]:
+        """First values, each of the nodes they need computed once, in this order."""
+        values: dict[int, Float] = {}
+        for at in order:
+            node = nodes[at]
+            if node.op == "state":
+                values[at] = values[states[node.payload].init]
+            else:
+                values[at] = self._node(node, [values[a] for a in node.args], here, ())
+        return [float(values[state.init][0]) for state in states]
+
+    def _settled(self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float]) -> list[float]:
+        """First values where one depends on itself: sweeps from not-a-number until none changes."""
+        current = [np.nan] * len(states)
+        for _ in states:
+            values = self._step(nodes, here, current)
+            before, current = current, [float(values[state.init][0]) for state in states]
+            if np.array_equal(before, current, equal_nan=True):
+                break
+        return current
 
     def _step(self, nodes: Sequence[Node], columns: Mapping[str, Float], memory: Sequence[float]) -> list[Float]:
         values: list[Float] = []
@@ -202,6 +227,29 @@ class Interpreter:
             if slope != 0:
                 row += slope * (now[leaf] if leaf in now else weights[leaf][k])
         return row
+
+
+def _first_nodes(nodes: Sequence[Node], states: Sequence[State]) -> list[int] | None:
+    """The nodes that first values need, each behind those it reads; None where a first value depends on itself."""
+    order: list[int] = []
+    done: set[int] = set()
+    entered: set[int] = set()  # and not left yet
+    stack = [state.init for state in states]
+    while stack:
+        at = stack[-1]
+        if at in done or at in entered:
+            stack.pop()
+            if at in entered:
+                entered.remove(at)
+                done.add(at)
+                order.append(at)
+            continue
+        entered.add(at)
+        read = (states[nodes[at].payload].init,) if nodes[at].op == "state" else nodes[at].args
+        if not entered.isdisjoint(read):
+            return None
+        stack.extend(a for a in read if a not in done)
+    return order
 
 
 def _points(coordinates: Sequence[Float]) -> Float:

@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from kennfeld.arrays import Float
 from kennfeld.graph import Graph
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameters import Parameter, ParameterSet
 
 if TYPE_CHECKING:  # most models call none
     from kennfeld.surrogate import Surrogate
@@ -52,14 +55,29 @@ class Model:
         return expansions(self.surrogates).merged(self.values)
 
 
-def started(own: ParameterSet, read: ParameterSet) -> ParameterSet:
-    """The parameters of a model with what was read from calibration files in their place.
+def started(own: ParameterSet, given: ParameterSet, *, continued: bool = True) -> ParameterSet:
+    """The parameters of a model with given ones, mostly those of calibration files, in their place.
 
-    Most formats do not say whether a table goes on beyond its ends: it does where that of the model does.
+    Limits are the given ones, where a parameter has any, else those of the model. With `continued`, a table goes on
+    beyond its ends where that of the model does, which most formats do not say.
     """
-    kept = [
-        one.changed(extrapolation=own[name].extrapolation)
-        for name, one in read.items()
-        if name in own and one.axes and len(one.axes) == len(own[name].axes) and own[name].extrapolation != "clip"
-    ]
-    return own.merged(read.with_parameters(*kept))
+    kept = [one.changed(**_from_model(own[name], one, continued)) for name, one in given.items() if name in own]
+    return own.merged(given.with_parameters(*kept))
+
+
+def _from_model(own: Parameter, given: Parameter, continued: bool) -> dict[str, Any]:
+    """What a model says of a parameter, and the one that is given does not."""
+    said: dict[str, Any] = {}
+    if continued and given.axes and len(given.axes) == len(own.axes) and own.extrapolation != "clip":
+        said["extrapolation"] = own.extrapolation
+    if not given.limited:
+        said |= {side: bound for side in ("lower", "upper") if (bound := _bound(own, side, given)) is not None}
+    return said
+
+
+def _bound(own: Parameter, side: str, given: Parameter) -> Float | None:
+    """A model's bound for given values; None where they have another shape and it is not the same for all."""
+    bound: Float = getattr(own, side)
+    if bound.shape == given.values.shape:
+        return bound
+    return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None

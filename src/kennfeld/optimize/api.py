@@ -189,12 +189,15 @@ def resolved(model: Model, parameters: ParameterSet) -> Model:
 
 
 def _parameters(given: Start, model: Model | str) -> ParameterSet:
-    """The parameters as a set, with those that the model brings along."""
+    """The parameters as a set, with those that the model brings along.
+
+    Tables that Python makes say themselves how they go on beyond their ends, those of files do not.
+    """
     if not isinstance(given, ParameterSet):
         given = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
     if not isinstance(model, Model):
         return given
-    return model.carried.merged(given) if given.origin is None else started(model.carried, given)
+    return started(model.carried, given, continued=given.origin is not None)
 
 
 def _told_apart(

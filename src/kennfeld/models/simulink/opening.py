@@ -89,6 +89,9 @@ class Opened:
 
 
 def _seen(document: Document, around: Variables) -> dict[str, Variable]:
-    """The names that a referenced model sees: its own, then those of the model around it."""
-    own = variables_of(document, ())
+    """The names that a referenced model sees: its own, then those of the model around it.
+
+    Values of calibration files go over its own where the model around it has no variable of that name.
+    """
+    own = variables_of(document, (around.strangers,))
     return {**around, **own, **asked(document, own)}

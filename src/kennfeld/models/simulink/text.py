@@ -17,8 +17,8 @@ __all__ = ["write_formula"]
 
 
 def write_formula(
-    source: Path,
-    target: Path,
+    source: str | Path,
+    target: str | Path,
     subsystem: str = "",
     parameters: Iterable[str | Path] = (),
     folders: Iterable[str | Path] = (),
@@ -30,6 +30,9 @@ def write_formula(
     parameters go to a `.json` of the same name, where there are some. Raises `InputError` where an output cannot be
     built, or nothing be written.
     """
+    from kennfeld.calfiles import write as write_parameters
+
+    source, target = Path(source), Path(target)
     if target.suffix.lower() != ".kf":
         raise InputError.of(str(target), "a model is written as formula text", "Name a file that ends in .kf.")
     found = import_simulink(source, subsystem or None, parameters, folders=folders)
@@ -43,7 +46,7 @@ def write_formula(
         write_whole(target, text)
         if found.model.values:
             made.append(target.with_suffix(".json"))
-            found.model.values.save(made[-1])
+            write_parameters(found.model.values, made[-1])
     except OSError as error:
         raise InputError.of(str(target), f"cannot be written: {error.strerror or error}") from None
     return tuple(made)

@@ -141,6 +141,7 @@ class Work:
         def make(guesses: Guesses) -> Weaver:
             made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
             made.files = self.files
+            made.declared.whole = self.variables
             return made
 
         try:

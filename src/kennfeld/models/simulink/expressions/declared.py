@@ -1,12 +1,17 @@
 """The parameters that a model looks up, collected while its graph is built."""
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Iterator, Mapping
+from itertools import count
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
+from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import Nodes
+from kennfeld.models.simulink.expressions.struct_parts import part_of
 from kennfeld.models.simulink.variables.scopes import Array, Variable
 from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, parameter
 
@@ -14,10 +19,15 @@ __all__ = ["Declared"]
 
 
 class Declared:
-    """Parameters by name. `promoted` are fields of blocks, "Torque/Gain1:Gain", whose literals are parameters too."""
+    """Parameters by name. `promoted` are fields of blocks, "Torque/Gain1:Gain", whose literals are parameters too.
+
+    Variables of one name may hold other values in referenced models: each is a parameter of its own, the name itself
+    that of the variable in `whole`, the variables of the model at the top.
+    """
 
     def __init__(self, promoted: Collection[str] = ()) -> None:
         self.promoted = frozenset(promoted)
+        self.whole: Mapping[str, Variable] = MappingProxyType({})
         self.parameters: dict[str, Parameter] = {}
         self.sources: dict[str, str] = {}
         self._axes: dict[str, Axis] = {}
@@ -32,18 +42,18 @@ class Declared:
         if known is not None and known.axes:  # a table that is used as numbers as well stays as it is
             return _constants(loom, np.atleast_2d(numbers))
         if numbers.size == 1:
-            self._add(Scalar(name, float(numbers.ravel()[0]), **_said(variable)), variable)
-            return np.full(shape, loom.lookup(name), dtype=np.int64)
+            scalar = self._kept(Scalar(name, float(numbers.ravel()[0]), **_said(variable, ())), variable)
+            return np.full(shape, loom.lookup(scalar.name), dtype=np.int64)
         if not np.all(np.isfinite(numbers)):
             return _constants(loom, np.atleast_2d(numbers))
         return self._block(loom, name, numbers, variable).reshape(shape)
 
     def _block(self, loom: Loom, name: str, numbers: Array, variable: Variable) -> Nodes:
         flat = numbers.ravel() if 1 in np.atleast_2d(numbers).shape else numbers
-        self._add(Block(name, flat, **_said(variable)), variable)
+        kept = self._kept(Block(name, flat, **_said(variable, flat.shape)), variable)
         made = np.empty(flat.shape, dtype=np.int64)
         for place in np.ndindex(*flat.shape):
-            made[place] = loom.lookup(name, *(loom.const(float(index)) for index in place))
+            made[place] = loom.lookup(kept.name, *(loom.const(float(index)) for index in place))
         return made
 
     def table(
@@ -51,15 +61,10 @@ class Declared:
     ) -> Parameter:
         """The curve, map or cube of a table; the one that is there already where it is the same."""
         axes = [self._group(axis) for axis in axes]
-        said = _said(variable)
-        made = parameter(name, values, axes, locked=np.array(locked), extrapolation=beyond, **said)
-        known = self.parameters.get(name)
-        if known is not None and _same(known, made):
-            return known
-        if known is not None:
-            made = made.changed(name=self._free(name))
-        self._add(made, variable)
-        return made
+        said = _said(variable, values.shape)
+        return self._kept(
+            parameter(name, values, axes, locked=np.array(locked), extrapolation=beyond, **said), variable
+        )
 
     def _group(self, axis: Axis) -> Axis:
         """The axis, without its name where another has that name already and other breakpoints."""
@@ -68,16 +73,34 @@ class Declared:
         known = self._axes.setdefault(axis.name, axis)
         return known if np.array_equal(known.breakpoints, axis.breakpoints) else axis.changed(name="")
 
-    def _free(self, name: str) -> str:
-        """A name like this one that is not taken."""
-        number = 2
-        while f"{name}_{number}" in self.parameters:
-            number += 1
-        return f"{name}_{number}"
+    def _kept(self, made: Parameter, variable: Variable) -> Parameter:
+        """The parameter that holds this: the one that is there already, or a new one under a name that is free."""
+        for name in self._names(made):
+            known = self.parameters.get(name)
+            if known is None:
+                self.parameters[name] = made if name == made.name else made.changed(name=name)
+                self.sources[name] = variable.source
+            if known is None or _same(known, made):
+                return self.parameters[name]
+        raise AssertionError("names never end")
 
-    def _add(self, made: Parameter, variable: Variable) -> None:
-        self.parameters.setdefault(made.name, made)
-        self.sources.setdefault(made.name, variable.source)
+    def _names(self, made: Parameter) -> Iterator[str]:
+        """The names that a parameter may have, the best first: its own, unless that means other values at the top."""
+        top = self._at_the_top(made.name)
+        if top is None or np.array_equal(np.ravel(top), made.values.ravel(), equal_nan=True):
+            yield made.name
+        yield from (f"{made.name}_{number}" for number in count(2))
+
+    def _at_the_top(self, name: str) -> Array | None:
+        """The numbers that a name stands for in the model at the top; None where it stands for none."""
+        way = [name] if name in self.whole else name.split(".")
+        if way[0] not in self.whole:
+            return None
+        try:
+            value = part_of(self.whole[way[0]].value, way)
+        except NoValueError:
+            return None
+        return value if isinstance(value, np.ndarray) else None
 
     def values(self, used: Collection[str]) -> ParameterSet:
         """The parameters that are looked up, in the order in which they were met."""
@@ -85,20 +108,24 @@ class Declared:
 
 
 def _same(one: Parameter, other: Parameter) -> bool:
-    """Whether two tables of one variable look up the same."""
+    """Whether two parameters of one name look up the same."""
+    axes = [axis.breakpoints for axis in one.axes], [axis.breakpoints for axis in other.axes]
     return (
-        one.values.shape == other.values.shape
+        one.kind == other.kind
         and one.extrapolation == other.extrapolation
-        and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(one.axes, other.axes, strict=True))
+        and np.array_equal(one.values, other.values, equal_nan=True)
+        and len(axes[0]) == len(axes[1])
+        and all(map(np.array_equal, *axes))
     )
 
 
-def _said(variable: Variable) -> dict[str, Any]:
-    """What a variable's source says beside its value; limits that its own value breaks are left aside."""
-    numbers = np.asarray(variable.value, dtype=np.float64)
-    inside = bool(np.all((numbers >= variable.lower) & (numbers <= variable.upper)))
-    bounds = {"lower": np.array(variable.lower), "upper": np.array(variable.upper)} if inside else {}
-    return {"unit": variable.unit, "description": variable.description, **bounds}
+def _said(variable: Variable, shape: tuple[int, ...]) -> dict[str, Any]:
+    """What a variable's source says beside its value, the limits for values of a shape."""
+    bounds = {side: np.asarray(getattr(variable, side)) for side in ("lower", "upper")}
+    size = math.prod(shape)
+    fitting = {side: bound.reshape(shape) if bound.size == size else bound for side, bound in bounds.items()}
+    known = {side: bound for side, bound in fitting.items() if bound.size in (1, size)}
+    return {"unit": variable.unit, "description": variable.description, **known}
 
 
 def _constants(loom: Loom, numbers: Array) -> Nodes:

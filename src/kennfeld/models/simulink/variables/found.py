@@ -7,18 +7,24 @@ import numpy as np
 from kennfeld.errors import Finding
 from kennfeld.models.simulink.files.tree import Solver
 from kennfeld.models.simulink.variables.scopes import Value, Variable
+from kennfeld.parameters import ParameterSet
 
 __all__ = ["Variables", "same"]
 
 
 class Variables(dict[str, Variable]):
-    """Variables by name, with what was noticed while they were read; `solvers` are configurations, by name as well."""
+    """Variables by name, with what was noticed while they were read.
+
+    `solvers` are configurations by name; `strangers` are parameters of calibration files that the model itself does not
+    know.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
         self.undefined: dict[str, str] = {}
         self.solvers: dict[str, Solver] = {}
+        self.strangers = ParameterSet()
 
 
 def same(one: Value, other: Value) -> bool:

@@ -89,9 +89,9 @@ def variable_from(value: Any, source: str) -> Variable | None:
     """A variable with the limits, unit and description that an object has."""
     meant = parameter_of(value)
     if meant is not None:
-        lower, upper = (-np.inf if meant.min is None else meant.min), (np.inf if meant.max is None else meant.max)
         held: Value = _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
-        return Variable(held, lower, upper, meant.unit, meant.description, source)
+        made = Variable(held, unit=meant.unit, description=meant.description, source=source)
+        return made.limited(meant.min, meant.max)
     plain = _plain(value)
     fixed = isinstance(value, Struct) and value.kind == ENUMERATION
     return Variable(plain, source=source, fixed=fixed) if plain is not None else None

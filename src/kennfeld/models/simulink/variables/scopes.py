@@ -1,13 +1,14 @@
 """What a name means in a block's parameters: masks from the inside out, then the variables of the model."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from kennfeld.matlab import syntax as m
+from kennfeld.matlab.evaluation import names
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.printing import printed
 from kennfeld.models.simulink.files.tree import Block
@@ -23,18 +24,27 @@ Value: TypeAlias = Union[Array, str, "Mapping[str, Value]", "tuple[Value, ...]"]
 class Variable:
     """A variable of the model: its value, and what its source says of it.
 
-    `source` names that source; `axes` are those that a calibration file gives a table. What is `fixed`, such as the
-    members of an enumeration, is no parameter.
+    `lower` and `upper` are a number each, or one for each number of the value. `source` names that source; `axes` are
+    those that a calibration file gives a table. What is `fixed`, such as the members of an enumeration, is no
+    parameter.
     """
 
     value: Value
-    lower: float = -np.inf
-    upper: float = np.inf
+    lower: float | Array = -np.inf
+    upper: float | Array = np.inf
     unit: str = ""
     description: str = ""
     source: str = ""
     axes: tuple[Axis, ...] = ()
     fixed: bool = False
+
+    def limited(self, lower: float | None, upper: float | None) -> "Variable":
+        """The variable with the limits of its source, None for none; those that its own value breaks are left aside."""
+        lowest, highest = -np.inf if lower is None else lower, np.inf if upper is None else upper
+        value = self.value.get("Table") if isinstance(self.value, Mapping) else self.value
+        if not isinstance(value, np.ndarray) or not np.all((value >= lowest) & (value <= highest)):
+            return self
+        return replace(self, lower=lowest, upper=highest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,26 +112,25 @@ class Scope:
 
 
 def _coded(scope: Scope, code: str) -> Scope:
-    """The names after a mask's code has run: plain assignments stay expressions, one layer each."""
-    if not code.strip():
-        return scope
+    """The names after a mask's code has run: plain assignments stay expressions, one layer each.
+
+    What other statements make, and what depends on that, is what the whole code leaves.
+    """
     script, _ = read_script(code)
-    simple = all(isinstance(one, (m.Assign, m.Command, m.Evaluate)) for one in script.statements)
-    for statement in script.statements if simple else ():
-        if isinstance(statement, m.Assign):
-            scope = _assigned(scope, statement, code)
-    if not simple:
-        made = {name for one in script.statements for name in assigned_names(one)}
-        scope = Scope(scope.variables, {name: Coded(name, code, scope) for name in made}, scope)
-    return scope
+    inside, left = scope, set[str]()
+    for statement in script.statements:
+        name = _plainly_assigned(statement)
+        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *names(statement.value)}):
+            inside = Scope(scope.variables, {name: Masked(printed(statement.value), inside)}, inside)
+        else:
+            left |= assigned_names(statement)
+    return Scope(scope.variables, {name: Coded(name, code, scope) for name in left}, inside) if left else inside
 
 
-def _assigned(scope: Scope, statement: m.Assign, code: str) -> Scope:
-    """The names after one assignment: an expression over those before, else what the code makes."""
-    target = statement.targets[0] if len(statement.targets) == 1 else None
-    if isinstance(target, m.Name):
-        return Scope(scope.variables, {target.name: Masked(printed(statement.value), scope)}, scope)
-    return Scope(scope.variables, {name: Coded(name, code, scope) for name in assigned_names(statement)}, scope)
+def _plainly_assigned(statement: m.Statement) -> str:
+    """The name that a statement gives a value as a whole; empty where it does something else."""
+    targets = statement.targets if isinstance(statement, m.Assign) else ()
+    return targets[0].name if len(targets) == 1 and isinstance(targets[0], m.Name) else ""
 
 
 def assigned_names(statement: m.Statement) -> frozenset[str]:

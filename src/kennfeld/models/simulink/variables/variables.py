@@ -13,7 +13,7 @@ from kennfeld.models.simulink.variables.data import Value as Stored
 from kennfeld.models.simulink.variables.dictionary import read_dictionary
 from kennfeld.models.simulink.variables.enumerations import beside, variable_of
 from kennfeld.models.simulink.variables.found import Variables
-from kennfeld.models.simulink.variables.scopes import Value, Variable, plain
+from kennfeld.models.simulink.variables.scopes import Array, Value, Variable, plain
 from kennfeld.models.simulink.variables.scripts import run, run_text
 from kennfeld.models.simulink.variables.workspace import mat_variables, workspace_variables
 from kennfeld.parameters import Parameter, ParameterSet
@@ -46,9 +46,9 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
         else:
             over += _file(found, Path(one))
     _workspace(found, document)
-    for values in over:
-        for parameter in values.values():
-            found[parameter.name] = _with(found.get(parameter.name), parameter)
+    given_over = {parameter.name: parameter for values in over for parameter in values.values()}
+    found.strangers = ParameterSet(one for name, one in given_over.items() if name.partition(".")[0] not in found)
+    found.update({name: _with(found.get(name), parameter) for name, parameter in given_over.items()})
     return found
 
 
@@ -130,9 +130,8 @@ def _variable(entry: Entry, source: str) -> Variable | None:
     value = _value(entry)
     if value is None:
         return None
-    lower = -np.inf if entry.minimum is None else entry.minimum
-    upper = np.inf if entry.maximum is None else entry.maximum
-    return Variable(value, lower, upper, entry.unit, entry.description, source)
+    made = Variable(value, unit=entry.unit, description=entry.description, source=source)
+    return made.limited(entry.minimum, entry.maximum)
 
 
 def _value(stored: Stored) -> Value | None:
@@ -154,10 +153,14 @@ def _value(stored: Stored) -> Value | None:
 
 
 def _with(known: Variable | None, parameter: Parameter) -> Variable:
-    """A variable with the value of a parameter; what is known of it stays."""
+    """A variable with the value of a parameter; what is known of it stays, where the parameter says nothing else."""
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
     if known is not None and isinstance(known.value, np.ndarray) and known.value.size == value.size:
         value = value.reshape(known.value.shape)
-    limits = (known.lower, known.upper) if known is not None else (-np.inf, np.inf)
-    return Variable(np.atleast_1d(value), *limits, unit, parameter.description, "a calibration file", axes)
+    description = parameter.description or (known.description if known is not None else "")
+    lower: float | Array = known.lower if known is not None else -np.inf
+    upper: float | Array = known.upper if known is not None else np.inf
+    if parameter.limited:
+        lower, upper = (np.reshape(bound, value.shape) for bound in (parameter.lower, parameter.upper))
+    return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
