@@ -1,5 +1,6 @@
 """Arrays that are a parameter as a whole: the variable behind a table's field, or the field itself."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,9 +33,13 @@ def named(site: Site, field: str) -> Named:
     values = site.numbers(field)
     found = _variable(text, site.atom.scope)
     if found is None:
-        return Named(f"{site.atom.path}:{field}", values, Variable(values, source="a literal of the block"), False)
+        return Named(f"{site.atom.path}:{field}", values, Variable(values, source=_source(text)), False)
     name, variable = found
     return Named(name, values, variable, True)
+
+
+def _source(text: str) -> str:
+    return f"{' '.join(text.split())[:40]} of the block" if re.search(r"[^\W\d]", text) else "a literal of the block"
 
 
 def named_text(site: Site, text: str) -> Named:
