@@ -69,7 +69,7 @@ def import_tables(report: ImportReport) -> list[Rows]:
     valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
     missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
     missing += [
-        (_listed([one.path for one in several], 1), first.type, first.why, first.mend, "yes" if first.stops else "no")
+        (_listed([one.path for one in several], 1), first.type, first.why, first.finding.mend, "yes" if first.stops else "no")
         for several in report.groups
         for first in several[:1]
     ]
