@@ -451,7 +451,7 @@ def convert(
     """
     from kennfeld import calfiles
 
-    if source.suffix.lower() in (".slx", ".mdl"):
+    if source.suffix.lower() in (".slx", ".mdl", ".slxp"):
         from kennfeld.models.simulink.text import write_formula
 
         say(*(f"Written to {path}" for path in write_formula(source, target, subsystem, values or (), folders or ())))

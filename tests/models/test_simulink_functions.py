@@ -153,6 +153,17 @@ def test_a_parameter_without_a_value_is_told(tmp_path):
         imported(function("function y = f(u, v, K)\ny = K*u;\n"), tmp_path)
 
 
+def test_a_declared_parameter_without_a_value_is_told_like_a_variable_of_any_block(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.function("F", "function y = f(u, K)\ny = K*u;\n", data={"K": "PARAMETER_DATA"})
+    drawn.outport("y")
+    drawn.chain("u", "F", "y")
+    with pytest.raises(InputError, match=r"variable K: has no value; F needs it. Give it among the parameters"):
+        imported(drawn, tmp_path)
+    assert set(imported(drawn, tmp_path, parameters=[{"K": 2.0}]).graph.parameters) == {"K"}
+
+
 CURVE = {"xs": np.array([-2.0, -0.5, 0.5, 3.0]), "ys": np.array([1.0, 4.0, -2.0, 5.0])}
 SURFACE = {"xs": np.array([-3.0, 0.0, 3.0]), "zs": np.array([-3.0, 3.0]), "m": np.array([[1, 2, 3], [5.0, -1, 2]])}
 

@@ -135,6 +135,24 @@ def write(
     return made.remarks
 
 
+def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
+    """The parameters that a format cannot hold, by name, each with the first reason.
+
+    Raises `ArgumentError` for an unknown ending.
+
+    >>> from kennfeld.parameters import Scalar
+    >>> list(unwritable(ParameterSet([Scalar("Gain", 2.0), Scalar("Main Path/Gain:Gain", 1.0)]), ".dcm"))
+    ['Main Path/Gain:Gain']
+    """
+    known, found = _format_for(Path(f"parameters{ending}")), {}
+    for one in parameters.values():
+        try:
+            known.write(ParameterSet([one]), f"parameters{ending}")
+        except InputError as error:
+            found[one.name] = error.findings[0]
+    return found
+
+
 def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
     """What is in a calibration file: kind, parameters, group axes, texts, and what was left aside.
 

@@ -29,6 +29,7 @@ class Model:
     declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
     or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
     `surrogates` are the data-driven models that it calls. `values` are the parameters that the source gives values.
+    `remarks` are sentences on what runs in another way than in the source.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -44,6 +45,7 @@ class Model:
     places: Mapping[str, str] = field(default_factory=_nothing)
     surrogates: "tuple[Surrogate, ...]" = ()
     values: ParameterSet = field(default_factory=ParameterSet)
+    remarks: tuple[str, ...] = ()
 
     @property
     def carried(self) -> ParameterSet:

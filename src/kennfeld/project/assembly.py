@@ -1,6 +1,7 @@
 """Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.project.constraints import Constraints, build_constraints
 from kennfeld.project.criteria import build_criteria
 from kennfeld.project.free_breakpoints import check_free_axes
-from kennfeld.project.function import Function, read_function, undefined
+from kennfeld.project.function import Function, is_drawn, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
 from kennfeld.project.locking import untouched
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
 __all__ = ["Assembly", "assemble"]
+
+_REMARKS = 6  # of a model's import
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +93,9 @@ class _Assembling:
         self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
-        # without all initial files, what a section overrides is not known, and much would seem wrong that is not
-        tables = None if initial is None else build_tables(file, initial, axes, self.function, findings)
+        # without all that gives values, what a section overrides is not known, and much would seem wrong that is not
+        unknown = initial is None or (self.function is None and is_drawn(file))
+        tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
         self._check_datasets()
         self._check_shifts()
@@ -169,14 +173,33 @@ class _Assembling:
         self.findings += lacking
         for name in self.file.parameters:
             if name not in function.graph.parameters:
-                mend = nearest(name, [n for n in function.graph.parameters if n not in known])
-                self._report(f"[parameters.{name}]", f"the function does not use {name}", mend, warning=True)
+                self._unused(name, function, known)
+        self._tell(function.model.remarks)
         inputs = function.graph.inputs
         for name in self.file.channels:
             if name not in inputs:
                 mend = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
                 self._report(f"[channels] {name}", f"{name} is no input of the function", mend)
         return function
+
+    def _unused(self, name: str, function: Function, known: list[str]) -> None:
+        """A section of a parameter that the function does not look up."""
+        place, given = f"[parameters.{name}]", self.file.parameters[name]
+        if not is_drawn(self.file):
+            mend = nearest(name, [n for n in function.graph.parameters if n not in known])
+            self._report(place, f"the function does not use {name}", mend, warning=True)
+        elif ":" in name and given.initial is not None:
+            what = f"{name} has the value given here; the block needs it as a fixed number, so that it cannot be fitted"
+            self.findings.append(Finding(self.file.place(place), what, severity="remark"))
+        elif given.initial is not None or given.axes:  # without them, that it has no value says the same
+            mend = nearest(name, function.graph.parameters)
+            self._report(place, f"the function does not use {name}", mend, warning=True)
+
+    def _tell(self, remarks: Sequence[str]) -> None:
+        """What the import of the model did otherwise than the model says, the first of it."""
+        more = [f"and {len(remarks) - _REMARKS} more; see kennfeld info"] if len(remarks) > _REMARKS else []
+        place = self.file.place("[model] file")
+        self.findings += [Finding(place, one, severity="remark") for one in (*remarks[:_REMARKS], *more)]
 
     def _wanted(self, calculated: Calculated, *, known_all: bool) -> Wanted:
         """The channels to read. Without all parameters an input may be a scalar, so that it may be missing."""

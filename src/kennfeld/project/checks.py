@@ -1,17 +1,20 @@
 """Warnings about a problem that can be solved, but perhaps not as it was meant."""
 
+import re
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles import unwritable
+from kennfeld.calfiles.flash import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding
 from kennfeld.graph.lowering import dependent
 from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize import Problem
 from kennfeld.optimize.problem import difference
-from kennfeld.parameters import Parameter
+from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
@@ -22,6 +25,8 @@ __all__ = ["warnings_of"]
 
 _MISSING = 0.1  # share of samples without a value that is worth a word
 _OUTSIDE = 0.05  # share of samples beyond the ends of an axis that is worth a word
+_WORD = re.compile(r"[^\W\d][\w.]*\Z")  # a name that every format holds
+_OF_SETS = (*IMAGE_ENDINGS, ".msq")  # formats that are written over a file, and hold what is in it
 _ROUNDING = 1e-9  # of an axis; converted values miss its ends by as much
 
 
@@ -33,6 +38,7 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_axes(file, problem),
         *_beyond(file, problem),
         *_idle(file, problem),
+        *_names(file, problem),
     ]
     warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
     return [*warnings, *event_warning(file, problem)]
@@ -139,3 +145,17 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         reached = dependent(graph, lambda node, name=name: node.op == "lookup" and node.payload == name)  # type: ignore[misc]
         if reached.isdisjoint(ends):
             yield file.place("[calibration] free"), f"{name} changes no criterion, so it keeps its start", ""
+
+
+def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Parameters that a format of the results has no name for, such as fields of blocks whose names hold blanks."""
+    odd = [name for name in problem.graph.parameters if not _WORD.match(name) and name in problem.parameters]
+    alone = ParameterSet(problem.parameters[name] for name in odd)
+    for ending in file.calibration.output if odd else ():
+        if ending in _OF_SETS:
+            continue
+        left = unwritable(alone, ending)
+        if left:
+            names = ", ".join(list(left)[:5]) + (f" and {len(left) - 5} more" if len(left) > 5 else "")
+            what = f"{ending[1:]} will leave out {names}: {next(iter(left.values())).what}"
+            yield file.place("[calibration] output"), what, "parameters.json holds every parameter."

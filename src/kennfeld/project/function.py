@@ -14,12 +14,12 @@ from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.formula.source import Source
 from kennfeld.parameters import ParameterSet
-from kennfeld.project.schema import DIRECTIONS, SIMULINK, ProjectFile
+from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
 
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["Function", "coordinates_of", "read_function", "undefined"]
+__all__ = ["Function", "coordinates_of", "is_drawn", "read_function", "undefined"]
 
 _LATER_KINDS = {
     ".esdl": "an ASCET model",
@@ -27,6 +27,7 @@ _LATER_KINDS = {
     ".onnx": "an ONNX network",
     ".py": "a Python function",
 }
+_ASK = "Ask for the model itself, .slx or .mdl."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 
 
@@ -64,12 +65,16 @@ def read_function(
     if not file.model.file or not _is_readable(file, findings):
         return None
     try:
-        drawn = file.model.file.lower().endswith(SIMULINK)
-        model = _drawn(file, initial) if drawn else _read(file.folder / file.model.file, known, surrogates)
+        model = _drawn(file, initial) if is_drawn(file) else _read(file.folder / file.model.file, known, surrogates)
     except InputError as error:
         findings += error.findings
         return None
     return Function(_extended(model, file, findings), model.graph.inputs)
+
+
+def is_drawn(file: ProjectFile) -> bool:
+    """Whether the function is a Simulink model, whose parameters have values of its own."""
+    return file.model.file.lower().endswith((*SIMULINK, PROTECTED))
 
 
 def _drawn(file: ProjectFile, initial: ParameterSet | None) -> Model:
@@ -80,6 +85,9 @@ def _drawn(file: ProjectFile, initial: ParameterSet | None) -> Model:
     from kennfeld.models.simulink.importing import simulink
 
     entry = file.model
+    if missing := [name for name in entry.folders if not (file.folder / name).is_dir()]:
+        place = file.place("[model] folders")
+        raise InputError(Finding(place, f"there is no folder {name}", "Check the path.") for name in missing)
     files = [file.folder / name for name in entry.parameters]
     promoted = [name for name in file.parameters if ":" in name]
     stated = {name: one.initial for name, one in file.parameters.items() if one.initial is not None and not one.axes}
@@ -122,6 +130,8 @@ def _is_readable(file: ProjectFile, findings: list[Finding]) -> bool:
         beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
         what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
         findings.append(Finding(place, what, nearest(path.name, beside) or "Check the path."))
+    elif kind == PROTECTED:
+        findings.append(Finding(place, f"{name} is a protected model, whose blocks cannot be read", _ASK))
     elif kind != ".kf" and kind not in SIMULINK:
         what = f"{name} is no kind of model that is known"
         findings.append(Finding(place, what, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
@@ -149,11 +159,23 @@ def _with_node(model: Model, text: str, place: str, findings: list[Finding]) -> 
         mend = nearest(text, candidates) or f"It has {', '.join(candidates[-8:])}."
         findings.append(Finding(place, f"{text} is no node of the function", mend))
         return model
+    if around := _beside(model.graph, text):
+        mend = nearest(text, around) or f"Of {text.partition('/')[0]} it has {', '.join(around[:8])}."
+        findings.append(Finding(place, f"{text} is no node of the function", mend))
+        return model
     try:
         return extend(model, {text: text}, place)
     except InputError as error:
         findings += error.findings
         return model
+
+
+def _beside(graph: Graph, text: str) -> list[str]:
+    """The nodes that share the first subsystem with a text that is the path of a block; none where it is no path."""
+    first = text.partition("/")[0]
+    if first in graph.names or first in graph.inputs:
+        return []
+    return [name for name in graph.names if name.startswith(f"{first}/")]
 
 
 def undefined(function: Function, known: Collection[str]) -> list[Finding]:

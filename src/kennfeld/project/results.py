@@ -6,13 +6,14 @@ import os
 import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
@@ -54,7 +55,8 @@ def write(
     """Write a result into a folder, with further texts by file name, and give the paths of its files.
 
     `further` are keys of `result.json` besides those of the result. What should be said about calibration files goes
-    to `told`, and so does why an image cannot hold the values: that leaves out the image alone.
+    to `told`, and so does why an image cannot hold the values: that leaves out the image alone. So do the parameters
+    that a format has no name for: they are in `parameters.json`.
 
     Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
     """
@@ -84,9 +86,13 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
     try:
         return write_parameters(parameters, path)
     except InputError as error:
-        if path.suffix not in IMAGE_ENDINGS:
+        if path.suffix in IMAGE_ENDINGS:
+            return error.findings
+        left = unwritable(parameters, path.suffix) if path.suffix != ".json" else {}
+        if not left:
             raise
-        return error.findings
+        said = [replace(one, mend="parameters.json holds it.", severity="warning") for one in left.values()]
+        return [*said, *write_parameters(parameters.without(left), path)]
 
 
 def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:

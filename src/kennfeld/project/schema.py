@@ -12,6 +12,7 @@ from kennfeld.parameters import Extrapolation
 
 __all__ = [
     "DIRECTIONS",
+    "PROTECTED",
     "SIMULINK",
     "AxisEntry",
     "CalibrationEntry",
@@ -37,6 +38,7 @@ __all__ = [
 
 DIRECTIONS = ("x", "y", "z", "w")
 SIMULINK = (".slx", ".mdl")
+PROTECTED = ".slxp"
 Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]

@@ -9,6 +9,7 @@ from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.project.channel_sections import channel_tables
 from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
+    PROTECTED,
     SIMULINK,
     CalibrationEntry,
     CriterionEntry,
@@ -82,7 +83,7 @@ def _model(root: Section) -> ModelEntry:
     step = section.number("step", 0.0, 0.0, above=True) or None
     drawn = section.text("subsystem"), section.texts("parameters"), section.text_table("bind"), section.texts("folders")
     section.end()
-    if file and any(drawn) and not file.lower().endswith(SIMULINK):
+    if file and any(drawn) and not file.lower().endswith((*SIMULINK, PROTECTED)):
         section.report("file", f"{file} is no Simulink model, which subsystem, parameters, bind and folders are for")
     return ModelEntry(file, step, *drawn)
 

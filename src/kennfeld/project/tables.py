@@ -103,6 +103,18 @@ class _Table:
         severity: Any = "warning" if warning else "error"
         self.findings.append(Finding(f"{self.entry.place} {key}".strip(), what, mend, severity=severity))
 
+    def _lacking(self) -> tuple[str, str, str]:
+        """That nothing gives values: the key, what is wrong, the mend."""
+        name, drawn = self.entry.name, self.function is not None and bool(self.function.model.values)
+        if not drawn or self.function is None or name in self.function.graph.parameters:
+            what = "the parameter is in no initial file and has no values"
+            return "initial", what, "Write initial = 0.0, or all values."
+        if ":" in name:
+            return "", "this field of the block is no number that can be fitted", "Name a field that holds a number."
+        known = list(self.function.graph.parameters)
+        mend = nearest(name, known) or f"Its parameters are {', '.join(known[:12])}."
+        return "", f"the model has no parameter {name}", mend
+
     def _inherited(self, values: Float) -> dict[str, Any]:
         """What the initial file says besides values and axes; bounds only while the shape stays."""
         if self.old is None:
@@ -150,8 +162,7 @@ class _Table:
         if given is not None:
             return self._spread("initial", given, shape, axes)
         if self.old is None:
-            what = "the parameter is in no initial file and has no values"
-            self._report("initial", what, "Write initial = 0.0, or all values.")
+            self._report(*self._lacking())
             return None
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
             return _regridded(self.old, axes)
@@ -247,7 +258,7 @@ def _free(
         chosen |= matches
         place = file.place("[calibration] free")
         if not matches and (parameters or pattern != "*"):
-            mend = nearest(pattern, parameters)
+            mend = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
             findings.append(Finding(place, f"{pattern} matches no parameter", mend))
         elif matches and matches.isdisjoint(used):
             names = ", ".join(sorted(matches)[:5])

@@ -34,6 +34,7 @@ from kennfeld.terminal.simulink import (
     dictionary_table,
     import_notes,
     import_tables,
+    interface_tables,
     model_notes,
     model_summary,
     model_tables,
@@ -326,10 +327,14 @@ def _simulink(file: Path, part: Part) -> Contents:
 
         try:
             report = inspect_simulink(file, part.subsystem or None, part.parameters, part.folders)
-        except InputError as error:  # nothing in it can be a function
+        except InputError as error:
+            if any(part):  # what was asked for does not fit
+                raise
             notes = [*notes, *(str(finding) for finding in error.findings)]
         else:
-            tables, notes = [*tables, *import_tables(report)], [*notes, *import_notes(report)]
+            seen = [*interface_tables(report), *tables[2:]] if report.whole or part.subsystem else tables
+            tables = [*seen, *import_tables(report)]
+            notes = list(dict.fromkeys([*notes, *report.remarks, *import_notes(report)]))
             as_json |= {"import": asdict(report) | {"whole": report.whole}}
     return Contents(model_summary(found), tables, notes, _plain(as_json))
 

@@ -15,6 +15,7 @@ __all__ = [
     "dictionary_table",
     "import_notes",
     "import_tables",
+    "interface_tables",
     "model_notes",
     "model_summary",
     "model_tables",
@@ -66,18 +67,49 @@ def model_notes(found: Outline) -> list[str]:
 
 def import_tables(report: ImportReport) -> list[Rows]:
     """Where values come from, what has none, what cannot be built, and what can be imported by itself."""
-    sources: Rows = [("parameter", "value from"), *report.sources.items()]
     valueless: Rows = [("variable without a value", "blocks", "needed by")]
     valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
     missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
     missing += [
-        (_listed([one.path for one in several], 1), first.type, first.why, first.mend, "yes" if first.stops else "no")
+        (
+            _listed([one.path for one in several], 1),
+            first.type,
+            first.why,
+            first.finding.mend,
+            "yes" if first.stops else "no",
+        )
         for several in report.groups
         for first in several[:1]
     ]
     parts: Rows = [("can be imported by itself", "blocks", "inputs", "outputs")]
     parts += [(one.path, str(one.blocks), ", ".join(one.inputs), ", ".join(one.outputs)) for one in report.subsystems]
-    return [sources, valueless, missing, parts]
+    return [_parameters(report), valueless, missing, parts]
+
+
+def interface_tables(report: ImportReport) -> list[Rows]:
+    """Inputs and outputs as a project names them, of a part of a model too."""
+    inputs: Rows = [("input", "unit"), *((one.name, one.unit) for one in report.inputs)]
+    outputs: Rows = [("output", "unit"), *((one.name, one.unit) for one in report.outputs)]
+    return [inputs, outputs]
+
+
+def _parameters(report: ImportReport) -> Rows:
+    """A row a parameter: what it is, its value or the range of its values, its limits, and where it comes from."""
+    rows: Rows = [("parameter", "kind", "size", "value", "unit", "limits", "value from")]
+    for one in report.parameters:
+        size = " x ".join(map(str, one.shape))
+        value = f"{one.smallest:.6g}" + (f" to {one.largest:.6g}" if one.largest != one.smallest else "")
+        where = f"{one.source}, locked" if one.locked else one.source
+        rows.append((one.name, one.kind, size, value, one.unit, _limits(one.lower, one.upper), where))
+    return rows
+
+
+def _limits(lower: float | None, upper: float | None) -> str:
+    if lower is None and upper is None:
+        return ""
+    if upper is None:
+        return f"from {_number(lower)}"
+    return f"up to {_number(upper)}" if lower is None else f"{_number(lower)} to {_number(upper)}"
 
 
 def _listed(paths: Sequence[str], shown: int = 3) -> str:
@@ -95,6 +127,7 @@ def import_notes(report: ImportReport) -> list[str]:
         *([give] if report.undefined else []),
         *loops,
         *report.substitutions,
+        *report.fixed,
     ]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from kennfeld.errors import Finding, InputError
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.opening import Opened
+from kennfeld.models.simulink.promoting import misnamed
 from kennfeld.models.simulink.variables.variables import Given
 from kennfeld.models.simulink.work import Imported, Work
 
@@ -50,7 +51,10 @@ def import_simulink(
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
     cuts = _cuts(opened.path, bind or {}, prefix)
-    return Work(opened, system, scope, cuts, frozenset(promote), step).imported()
+    work = Work(opened, system, scope, cuts, frozenset(promote), step)
+    if wrong := misnamed(opened.path, promote, system, work.flat, prefix):
+        raise InputError(wrong)
+    return work.imported()
 
 
 def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:

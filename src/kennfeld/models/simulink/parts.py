@@ -39,7 +39,7 @@ def inspect_simulink(
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
     work = Work(opened, system, scope)
-    report = work.report(work.woven())
+    report = work.imported().report
     if report.whole:
         return report
     search = _Search(opened, report, len(split(prefix)) if prefix else 0)

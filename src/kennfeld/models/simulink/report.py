@@ -4,7 +4,36 @@ from dataclasses import dataclass
 
 from kennfeld.errors import Finding
 
-__all__ = ["ImportReport", "Importable", "Unsupported"]
+__all__ = ["TYPES_LEFT", "Calibratable", "ImportReport", "Importable", "Quantity", "Unsupported"]
+
+TYPES_LEFT = "number types are left aside: all values are physical, in double precision"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An input or output of the function, as a project names it."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Calibratable:
+    """A parameter: its kind, its size, the range of its values, its limits where it has some, where it comes from.
+
+    `locked` says that its values stay unless they are asked for by name.
+    """
+
+    name: str
+    kind: str
+    shape: tuple[int, ...]
+    smallest: float
+    largest: float
+    unit: str
+    lower: float | None
+    upper: float | None
+    locked: bool
+    source: str
 
 
 @dataclass(frozen=True)
@@ -44,8 +73,9 @@ class ImportReport:
 
     `total` counts the blocks that compute something, `supported` those that were built or could be. `substitutions` are
     sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
-    `frozen` are expressions whose variables are fixed, with the reason. `subsystems` are those that can be imported by
-    themselves, where that was asked for.
+    `frozen` are expressions whose variables are fixed, with the reason. `inputs` and `outputs` are those of the
+    function, where it is whole; `parameters` are what can be calibrated. `subsystems` are those that can be imported
+    by themselves, where that was asked for.
     """
 
     total: int
@@ -58,12 +88,27 @@ class ImportReport:
     frozen: dict[str, str]
     solver: str
     step: float | None
+    parameters: tuple[Calibratable, ...] = ()
+    inputs: tuple[Quantity, ...] = ()
+    outputs: tuple[Quantity, ...] = ()
     subsystems: tuple[Importable, ...] = ()
 
     @property
     def whole(self) -> bool:
         """Whether all outputs could be built."""
         return not self.loops and not any(one.stops for one in self.unsupported)
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """A sentence for each expression whose variables are fixed."""
+        frozen = {" ".join(text.split())[:100]: why for text, why in self.frozen.items()}
+        return tuple(f"{text} is fixed, and so are the variables in it: {why}" for text, why in frozen.items())
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What somebody should know who calibrates the model."""
+        substitutions = (one for one in self.substitutions if one != TYPES_LEFT)
+        return (*substitutions, *self.fixed, *self.remarks)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

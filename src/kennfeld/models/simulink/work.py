@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -17,7 +17,7 @@ from kennfeld.models.simulink.files.tree import System
 from kennfeld.models.simulink.flattening.atoms import Atom, Flat
 from kennfeld.models.simulink.naming import Names
 from kennfeld.models.simulink.opening import Opened
-from kennfeld.models.simulink.report import ImportReport, Unsupported
+from kennfeld.models.simulink.report import TYPES_LEFT, Calibratable, ImportReport, Quantity, Unsupported
 from kennfeld.models.simulink.stepping import Stepping
 from kennfeld.models.simulink.variables.configuration import settings_of
 from kennfeld.models.simulink.variables.scopes import Scope
@@ -28,9 +28,11 @@ from kennfeld.models.simulink.weaving.registry import KINDS, UnsupportedError
 from kennfeld.models.simulink.weaving.schedule import Clock
 from kennfeld.models.simulink.weaving.settling import settled
 from kennfeld.models.simulink.weaving.weaver import Weaver
+from kennfeld.parameters import Parameter
 
 __all__ = ["Imported", "Work"]
 
+_SHOWN = 6
 _MOST_ATTEMPTS = 20  # to count passes within passes
 _MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 
@@ -92,7 +94,10 @@ class Work:
         """The model and the report."""
         weaver = self.woven()
         report = self.report(weaver)
-        return Imported(self._model(weaver) if report.whole else None, report)
+        if not report.whole:
+            return Imported(None, report)
+        model = self._model(weaver, report)
+        return Imported(model, _faced(report, model))
 
     def woven(self) -> Weaver:
         """The blocks as a graph; passes whose number depends on signals are counted in a first attempt."""
@@ -136,7 +141,7 @@ class Work:
     def _woven(self, goals: Collection[Atom]) -> Weaver:
         if not goals:
             what = "it has no outport, and nothing that records or shows a signal"
-            raise InputError.of(self.path.name, what, "Import a subsystem.")
+            raise InputError.of(self.path.name, what, _instead(self._system))
 
         def make(guesses: Guesses) -> Weaver:
             made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
@@ -181,14 +186,15 @@ class Work:
         undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.visits.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
-        note = ["number types are left aside: all values are physical, in double precision"] if conversions else []
+        note = [TYPES_LEFT] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
             (*self.flat.chosen, *self.substitutions, *undecided, *note), tuple(self.remarks),
             dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
+            tuple(_calibratable(one, weaver.declared.sources) for one in weaver.declared.parameters.values()),
         )  # fmt: skip
 
-    def _model(self, weaver: Weaver) -> Model:
+    def _model(self, weaver: Weaver, report: ImportReport) -> Model:
         try:
             weaver.finish(self.solver)
         except TooLargeError as error:
@@ -212,7 +218,33 @@ class Work:
             source=str(self.path),
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
+            remarks=report.told,
         )
+
+
+def _faced(report: ImportReport, model: Model) -> ImportReport:
+    """The report with what a project meets of the model."""
+    units = model.graph.units
+    inputs = tuple(Quantity(name, units.get(name, "")) for name in model.graph.inputs)
+    outputs = tuple(Quantity(name, units.get(name, "")) for name in model.graph.outputs)
+    used = tuple(one for one in report.parameters if one.name in model.values)
+    return replace(report, inputs=inputs, outputs=outputs, parameters=used)
+
+
+def _calibratable(one: Parameter, sources: Mapping[str, str]) -> Calibratable:
+    lower, upper = float(np.max(one.lower)), float(np.min(one.upper))
+    return Calibratable(
+        one.name, one.kind, one.values.shape, float(np.min(one.values)), float(np.max(one.values)), one.unit,
+        lower if math.isfinite(lower) else None, upper if math.isfinite(upper) else None,
+        bool(np.all(one.locked)), sources.get(one.name, ""),
+    )  # fmt: skip
+
+
+def _instead(system: System) -> str:
+    """What can be done where nothing leaves a system."""
+    inner = [block.path for block in system.every() if block.system is not None]
+    more = f" and {len(inner) - _SHOWN} more" if len(inner) > _SHOWN else ""
+    return f"Import a subsystem: {', '.join(inner[:_SHOWN])}{more}." if inner else "Draw an outport."
 
 
 def _refusal(weaver: Weaver, atom: Atom) -> tuple[str, str]:

@@ -49,7 +49,9 @@ def _steps(site: Site) -> int:
         what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, and {_MOST_MEMORIES} is the most"
         field = f"{site.atom.path}:MaximumDelay"
         raise UnsupportedError(
-            what, f'Give a shorter one among the parameters: {{"{field}": {_MOST_MEMORIES * step:g}}}.'
+            what,
+            f'Give a shorter one: [parameters."{field}"] initial = {_MOST_MEMORIES * step:g} in the project, '
+            f'in Python parameters=[{{"{field}": {_MOST_MEMORIES * step:g}}}].',
         )
     return count
 

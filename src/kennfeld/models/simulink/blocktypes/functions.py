@@ -131,6 +131,8 @@ def _given(site: Site, function: m.FunctionDefinition) -> list[Held]:
             at += 1
             continue
         held = parameter(expressions, site.atom.scope, name)
+        if held is None and name in fixed:
+            raise UnsupportedError(f"its parameter {name} has no value", _GIVE, name)
         made.append(held if held is not None else Unclear(f"{name} is a parameter that has no value", _GIVE))
     return made
 

@@ -49,11 +49,13 @@ class Libraries:
     """The libraries and models that lie beside a model, and in further folders.
 
     A file is looked for by its name in the folder of the file that uses it, then in `folders`, `.slx` before `.mdl`;
-    each is read once.
+    each is read once. Raises `InputError` where one of `folders` is not there.
     """
 
     def __init__(self, folders: Iterable[str | Path] = ()) -> None:
         self.folders = tuple(Path(folder) for folder in folders)
+        if missing := [folder for folder in self.folders if not folder.is_dir()]:
+            raise InputError(Finding(str(folder), "there is no such folder", "Check the path.") for folder in missing)
         self._read: dict[Path, Document | InputError] = {}
 
     def find(self, name: str, beside: Path) -> Path | None:

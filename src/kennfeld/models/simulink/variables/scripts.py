@@ -4,21 +4,21 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.matlab.scripts import Files, run_script
 from kennfeld.models.simulink.variables.enumerations import enumeration_of, is_class, variable_of
 from kennfeld.models.simulink.variables.found import Variables, same
 from kennfeld.models.simulink.variables.numbers import variable_from
 from kennfeld.models.simulink.variables.scopes import Variable
 
-__all__ = ["run", "run_text"]
+__all__ = ["content", "run", "run_text"]
 
 _NAME = re.compile(r"[\w.-]{1,128}\Z")
 
 
 def run(found: Variables, path: Path) -> None:
     """Add the variables that a script makes; raises `InputError` where it cannot be read."""
-    text = _content(path).decode("utf-8", "replace")
+    text = content(path).decode("utf-8", "replace")
     if is_class(text):
         _enumeration(found, text, path)
     else:
@@ -54,15 +54,20 @@ def _commented(made: Variable, comment: str) -> Variable:
 
 
 def _beside(folder: Path) -> Files:
-    def content(name: str) -> bytes | None:
+    def found(name: str) -> bytes | None:
         path = folder / name
-        return _content(path) if _NAME.match(name) and path.is_file() else None
+        return content(path) if _NAME.match(name) and path.is_file() else None
 
-    return content
+    return found
 
 
-def _content(path: Path) -> bytes:
+def content(path: Path) -> bytes:
+    """What a file holds; raises `InputError` where it cannot be read."""
     try:
         return path.read_bytes()
+    except FileNotFoundError:
+        beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        mend = nearest(path.name, beside) or "Check the path."
+        raise InputError.of(str(path), "there is no such file", mend) from None
     except OSError as error:
         raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None

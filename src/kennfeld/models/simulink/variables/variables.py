@@ -14,7 +14,7 @@ from kennfeld.models.simulink.variables.dictionary import read_dictionary
 from kennfeld.models.simulink.variables.enumerations import beside, variable_of
 from kennfeld.models.simulink.variables.found import Variables
 from kennfeld.models.simulink.variables.scopes import Array, Value, Variable, plain
-from kennfeld.models.simulink.variables.scripts import run, run_text
+from kennfeld.models.simulink.variables.scripts import content, run, run_text
 from kennfeld.models.simulink.variables.workspace import mat_variables, workspace_variables
 from kennfeld.parameters import Parameter, ParameterSet
 
@@ -61,9 +61,10 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
     """Take the variables of a file; a calibration file's values are returned."""
     ending = path.suffix.casefold()
     if ending == ".sldd":
+        content(path)  # one that is not there is a mistake here, but not where a model names it
         _dictionary(found, path)
     elif ending == ".mat":
-        _add(found, mat_variables(_bytes(path)), path.name)
+        _add(found, mat_variables(content(path)), path.name)
     elif ending == ".m":
         run(found, path)
     else:
@@ -71,13 +72,6 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
 
         return [read(path)]
     return []
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
 
 
 def _dictionary(found: Variables, path: Path) -> None:

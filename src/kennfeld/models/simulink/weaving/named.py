@@ -1,5 +1,6 @@
 """Arrays that are a parameter as a whole: the variable behind a table's field, or the field itself."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +36,7 @@ def named(site: Site, field: str) -> Named:
     values = site.numbers(field)
     found = _variable(text, site.atom.scope)
     if found is None:
-        return Named(f"{site.atom.path}:{field}", values, Variable(values, source="a literal of the block"), False)
+        return Named(f"{site.atom.path}:{field}", values, Variable(values, source=_source(text)), False)
     name, variable, transposed = found
     if transposed:
         return Named(f"{name}'", values, _transposed(variable), True)
@@ -47,6 +48,10 @@ def _transposed(variable: Variable) -> Variable:
     matrix = np.transpose(np.asarray(variable.value))
     lower, upper = (np.transpose(bound) for bound in (variable.lower, variable.upper))
     return replace(variable, value=matrix, axes=variable.axes[::-1], lower=lower, upper=upper)
+
+
+def _source(text: str) -> str:
+    return f"{' '.join(text.split())[:40]} of the block" if re.search(r"[^\W\d]", text) else "a literal of the block"
 
 
 def named_text(site: Site, text: str) -> Named:
