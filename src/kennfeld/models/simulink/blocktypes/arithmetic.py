@@ -252,10 +252,11 @@ def _trigonometric(site: Site, operator: str, u: Signal) -> Wired | tuple[Wired,
         case "sincos":
             return site.call("sin", u), site.call("cos", u)
         case "asinh":  # odd, so that large negative inputs do not cancel out
-            size = site.call("abs", u)
+            negative = site.call("lt", u, site.constant(0.0))
+            size = site.select(negative, site.call("neg", u), u)
             root = site.call("sqrt", site.call("add", site.call("mul", u, u), site.constant(1.0)))
             made = site.call("log", site.call("add", size, root))
-            return site.select(site.call("lt", u, site.constant(0.0)), site.call("neg", made), made)
+            return site.select(negative, site.call("neg", made), made)
         case "acosh":
             root = site.call("sqrt", site.call("sub", site.call("mul", u, u), site.constant(1.0)))
             return site.call("log", site.call("add", u, root))
