@@ -206,6 +206,8 @@ STATEMENTS = [
      else 2 + u),
     ("c = {u, 'text', [v 3]};\nc{4} = 5;\nq = c{3};\ny = c{1} + q(2)*c{4} + numel(c) + strcmp(c{2}, 'text');",
      lambda u, v: u + 15 + 5),
+    ("c = {u};\nc{2} = v;\nd = {u; v};\nd{3} = 1;\ne{1} = 4;\ne{2} = 5;\n"
+     "y = size(c)*[1; 10] + size(d)*[100; 1000] + size(e)*[1e4; 1e5] + c{2};", lambda u, v: 21 + 1300 + 210000 + v),
     ("[a, b] = size(A);\n[m, n] = deal(u, v);\n[lo, hi] = bounds(x);\ny = a + b + m - n + lo + 2*hi;", lambda u, v:
      6 + u - v + arrays(u, v)[0].min() + 2 * arrays(u, v)[0].max()),
     ("[X, Y] = meshgrid(1:2, [u v]);\ny = sum(sum(X.*Y));", lambda u, v: 3 * (u + v)),
