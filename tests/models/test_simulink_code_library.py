@@ -68,6 +68,13 @@ NUMBERS = [
     ("numel(A) + length(r) + size(A, 1) + sum(size(r)) + ndims(A) + isempty([]) + isempty(x)", lambda x, A, w: 26),
     ("sum(reshape(1:6, 2, 3) * [1; 10; 100]) + sum(reshape(x(1:4), [], 2) * [1; 2])", lambda x, A, w:
      (1 + 2) + 10 * (3 + 4) + 100 * (5 + 6) + x[0] + x[1] + 2 * (x[2] + x[3])),
+    ("sum(size(repmat([u v], [3 1 2])).*[1 10 100]) + sum(size(repmat(reshape(1:8, 2, 2, 2), 3, 1)).*[1e3 1e4 1e5])",
+     lambda x, A, w: 223 + 226000),
+    ("reshape(repmat([u v; 1 2], [1 1 2]), 1, 8)*(1:8)'", lambda x, A, w: np.array([x[0], 1, x[1], 2] * 2)
+     @ np.arange(1, 9)),
+    ("[1 10]*squeeze(reshape(1:6, 1, 2, 3))*[1; 2; 3] + sum(size(squeeze(reshape(1:3, 1, 1, 3))).*[100 1000])",
+     lambda x, A, w: np.array([1, 10]) @ np.array([[1, 3, 5], [2, 4, 6]]) @ [1, 2, 3] + 1300),
+    ("isreal(u > 0) + 10*isreal('a') + 100*isreal({1})", lambda x, A, w: 11),
     ("sum(repmat([u v], 2, 2) * [1; 2; 3; 4])", lambda x, A, w: 2 * (4 * x[0] + 6 * x[1])),
     ("[1 2 3]*diag(A) + sum(sum(diag([u v]))) + sum(sum(triu(A))) + sum(sum(tril(A, -1)))", lambda x, A, w:
      np.diag(A) @ [1, 2, 3] + x[0] + x[1] + A.sum()),

@@ -40,7 +40,7 @@ def cast_to(given: Given) -> Held:
     return truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
 
 
-@function("real", "conj", "full", "squeeze")
+@function("real", "conj", "full")
 def same(given: Given) -> Held:
     """The value as it is: all numbers are real, arrays full."""
     return given.array(0)
