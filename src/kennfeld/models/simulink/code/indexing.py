@@ -273,6 +273,8 @@ def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Node
         made = [_whole(one, at, new, axis) for axis, (one, at) in enumerate(zip(places, made, strict=True))]
     if all(chosen is None for chosen, _ in made):
         return _fixed(calls, old, [at for _, at in made], new)
+    for (_, at), size in zip(made, sizes, strict=True):
+        _within(at, size, old, "what it assigns to")
     sizes = [chosen.size if chosen is not None else len(at) for chosen, at in made]
     if new.size not in (1, int(np.prod(sizes))):
         raise CodeError(f"{new.size} elements are assigned to {int(np.prod(sizes))} places")
