@@ -388,6 +388,7 @@ def test_a_loop_may_end_by_a_signal_within_its_bound(tmp_path):
     np.testing.assert_array_equal(found, [0, 1, 6, 210])
 
 
+MATRIX = ("m", "LOCAL_DATA", "", "[2 3]")
 REFUSED = [
     (lone("", settings={"stateMachineType": "MOORE_MACHINE"}), "it is a Moore chart"),
     (lone("", settings={"enableNonTerminalStates": "1"}), "it runs in super steps"),
@@ -418,6 +419,10 @@ REFUSED = [
         "data m is of a kind that is not supported",
     ),
     (lone("bind: y;"), "binds variables"),
+    (lone("du: y = m[2][u];", [*IO, MATRIX]), "it takes elements of m that are not there"),
+    (lone("du: y = m[2][0];", [*IO, MATRIX]), "it takes elements of m that are not there"),
+    (lone("du: m[u][3] = 1;", [*IO, MATRIX]), "it assigns to elements of m that are not there"),
+    (lone("du: m[0][-1] = 1;", [*IO, MATRIX]), "it assigns to elements of m that are not there"),
     (
         Chart({}, [("", "J", "{y = u;}"), ("J", "J", "[y > 0]{y = y - 1;}")], IO, junctions=("J",)),
         "its junctions make a loop",
