@@ -68,6 +68,13 @@ NUMBERS = [
     ("numel(A) + length(r) + size(A, 1) + sum(size(r)) + ndims(A) + isempty([]) + isempty(x)", lambda x, A, w: 26),
     ("sum(reshape(1:6, 2, 3) * [1; 10; 100]) + sum(reshape(x(1:4), [], 2) * [1; 2])", lambda x, A, w:
      (1 + 2) + 10 * (3 + 4) + 100 * (5 + 6) + x[0] + x[1] + 2 * (x[2] + x[3])),
+    ("sum(size(repmat([u v], [3 1 2])).*[1 10 100]) + sum(size(repmat(reshape(1:8, 2, 2, 2), 3, 1)).*[1e3 1e4 1e5])",
+     lambda x, A, w: 223 + 226000),
+    ("reshape(repmat([u v; 1 2], [1 1 2]), 1, 8)*(1:8)'", lambda x, A, w: np.array([x[0], 1, x[1], 2] * 2)
+     @ np.arange(1, 9)),
+    ("[1 10]*squeeze(reshape(1:6, 1, 2, 3))*[1; 2; 3] + sum(size(squeeze(reshape(1:3, 1, 1, 3))).*[100 1000])",
+     lambda x, A, w: np.array([1, 10]) @ np.array([[1, 3, 5], [2, 4, 6]]) @ [1, 2, 3] + 1300),
+    ("isreal(u > 0) + 10*isreal('a') + 100*isreal({1})", lambda x, A, w: 11),
     ("sum(repmat([u v], 2, 2) * [1; 2; 3; 4])", lambda x, A, w: 2 * (4 * x[0] + 6 * x[1])),
     ("[1 2 3]*diag(A) + sum(sum(diag([u v]))) + sum(sum(triu(A))) + sum(sum(tril(A, -1)))", lambda x, A, w:
      np.diag(A) @ [1, 2, 3] + x[0] + x[1] + A.sum()),
@@ -206,6 +213,8 @@ STATEMENTS = [
      else 2 + u),
     ("c = {u, 'text', [v 3]};\nc{4} = 5;\nq = c{3};\ny = c{1} + q(2)*c{4} + numel(c) + strcmp(c{2}, 'text');",
      lambda u, v: u + 15 + 5),
+    ("c = {u};\nc{2} = v;\nd = {u; v};\nd{3} = 1;\ne{1} = 4;\ne{2} = 5;\n"
+     "y = size(c)*[1; 10] + size(d)*[100; 1000] + size(e)*[1e4; 1e5] + c{2};", lambda u, v: 21 + 1300 + 210000 + v),
     ("[a, b] = size(A);\n[m, n] = deal(u, v);\n[lo, hi] = bounds(x);\ny = a + b + m - n + lo + 2*hi;", lambda u, v:
      6 + u - v + arrays(u, v)[0].min() + 2 * arrays(u, v)[0].max()),
     ("[X, Y] = meshgrid(1:2, [u v]);\ny = sum(sum(X.*Y));", lambda u, v: 3 * (u + v)),

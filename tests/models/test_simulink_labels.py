@@ -121,7 +121,7 @@ def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
     ],
 )
 def test_statements_that_are_no_c_say_why(text, told):
-    with pytest.raises(CError, match=None) as caught:
+    with pytest.raises(CError) as caught:
         c_statements(text)
     assert told in str(caught.value)
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from kennfeld.models.simulink.code.errors import MEND
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired
 from kennfeld.models.simulink.files.chart import Chart
@@ -17,7 +18,6 @@ from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.schedule import Rate
 from kennfeld.models.simulink.weaving.site import Site, as_vector
 
-_MEND = "Draw it as blocks, or bind its outputs."
 _MEMORIES = ("OUTPUT_DATA", "LOCAL_DATA")
 _TRANSIENT = ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA")
 _KNOWN = (*_MEMORIES, *_TRANSIENT, "INPUT_DATA", "PARAMETER_DATA", "CONSTANT_DATA", "FUNCTION_INPUT_DATA")
@@ -43,32 +43,32 @@ def chart(site: Site) -> tuple[Wired, ...]:
         except ResizedError as resized:
             sizes[resized.key] = resized.shape
         except RecursionError:
-            raise UnsupportedError("its states lie too deep within each other", _MEND) from None
+            raise UnsupportedError("its states lie too deep within each other", MEND) from None
     raise UnsupportedError("the sizes of its variables do not settle", "Declare them.")
 
 
 def _check(given: Chart) -> None:
     """Refuse what changes how a chart runs."""
     if given.update == "CONTINUOUS":
-        raise UnsupportedError("it is a chart in continuous time", _MEND)
+        raise UnsupportedError("it is a chart in continuous time", MEND)
     machine = given.settings.get("stateMachineType", "")
     if "MOORE" in machine.upper():
-        raise UnsupportedError("it is a Moore chart", _MEND)
+        raise UnsupportedError("it is a Moore chart", MEND)
     if given.settings.get("enableNonTerminalStates", "0") != "0":
-        raise UnsupportedError("it runs in super steps", _MEND)
+        raise UnsupportedError("it runs in super steps", MEND)
     if given.settings.get("initializeOutput", "0") != "0":
-        raise UnsupportedError("it begins with new outputs whenever it wakes up", _MEND)
+        raise UnsupportedError("it begins with new outputs whenever it wakes up", MEND)
     ids = [*(state.id for state in given.states), *(junction.id for junction in given.junctions)]
     if "" in ids or len(set(ids)) < len(ids):
         raise UnsupportedError("the file does not tell its states and junctions apart", "Take a complete copy of it.")
     for data in given.data:
         if data.scope not in _KNOWN or data.message:
             kind = "a message" if data.message else data.scope.removesuffix("_DATA").lower().replace("_", " ")
-            raise UnsupportedError(f"its data {data.name} is of a kind that is not supported ({kind})", _MEND)
+            raise UnsupportedError(f"its data {data.name} is of a kind that is not supported ({kind})", MEND)
         if (data.first not in ("", "0") and given.language == "C") or data.first not in ("", "0", "1"):
-            raise UnsupportedError(f"the elements of its data {data.name} are counted from {data.first[:20]}", _MEND)
+            raise UnsupportedError(f"the elements of its data {data.name} are counted from {data.first[:20]}", MEND)
         if data.update == "SF_CONTINUOUS_TIME_DATA":
-            raise UnsupportedError(f"its data {data.name} is integrated in continuous time", _MEND)
+            raise UnsupportedError(f"its data {data.name} is integrated in continuous time", MEND)
 
 
 class _Chart:
@@ -102,7 +102,7 @@ class _Chart:
 
     def outputs(self) -> tuple[Wired, ...]:
         first = self._initial()
-        kept = [key for key in first if not key.startswith(("before ", "frame ", "active ", "input "))]
+        kept = [key for key in first if not key.startswith(("before ", "active "))]
         after = self._remembered(kept, first)
         values = {**first, **self._split(kept, first, after), **self._inputs()}
         machine = self._machine(values)
@@ -136,9 +136,9 @@ class _Chart:
         """The memories of states, timers and events, all 0."""
         states = list(self.diagram.root.below)
         keys = ["active"]
-        keys += [f"child {one.id}" for one in states if one.children and not one.parallel]
-        keys += [f"history {one.id}" for one in states if one.history]
-        keys += [f"active {one.id}" for one in states if one.parent is not None and one.parent.parallel]
+        keys += [one.child_key for one in states if one.children and not one.parallel]
+        keys += [one.history_key for one in states if one.history]
+        keys += [one.active_key for one in states if one.parent is not None and one.parent.parallel]
         for key, timer in self.timers.all.items():
             keys += [key, f"since {key}"] if timer.kind == "true" else [key]
         keys += [f"output {one.key}" for one in self.diagram.events.values() if one.written.scope == "OUTPUT_EVENT"]
@@ -228,7 +228,7 @@ class _Chart:
                 if state.parent is None:
                     node = machine.variables.one("active", self.logic.always)
                 for child in state.children:
-                    machine.variables.put(f"active {child.id}", node, self.logic.always)
+                    machine.variables.put(child.active_key, node, self.logic.always)
 
     # the step
 
@@ -307,7 +307,7 @@ class _Chart:
 
 
 def _called_too_early(event: Event, guard: Guard) -> None:
-    raise UnsupportedError(f"it calls {event.written.name} before the first step", _MEND)
+    raise UnsupportedError(f"it calls {event.written.name} before the first step", MEND)
 
 
 def _listed(text: str) -> str:

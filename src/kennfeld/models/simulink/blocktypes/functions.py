@@ -12,7 +12,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
 from kennfeld.models.simulink.code.body import GLOBAL
-from kennfeld.models.simulink.code.errors import EndedError
+from kennfeld.models.simulink.code.errors import MEND, EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memories, Memory, Scout, declares, later, memories
 from kennfeld.models.simulink.code.values import Held, Unclear, field_of
@@ -25,7 +25,6 @@ from kennfeld.parameters import Axis
 
 __all__ = ["desk_of"]
 
-_MEND: Final = "Draw it as blocks, or bind its outputs."
 _GIVE: Final = "Give it among the parameters: a script, a .mat, .sldd or calibration file."
 _BLOCK: Final = "the function of the block"
 _MOST_ROUNDS: Final = 20
@@ -40,9 +39,9 @@ def matlab_function(site: Site) -> tuple[Wired, ...]:
     except CodeError as error:
         raise UnsupportedError(str(error), error.mend) from None
     except EndedError:
-        raise UnsupportedError("its code ends in an error in every case", _MEND) from None
+        raise UnsupportedError("its code ends in an error in every case", MEND) from None
     except RecursionError:
-        raise UnsupportedError("its code is nested too deeply", _MEND) from None
+        raise UnsupportedError("its code is nested too deeply", MEND) from None
 
 
 def _outputs(site: Site) -> tuple[Wired, ...]:
@@ -64,9 +63,9 @@ def _script(site: Site) -> m.Script:
     try:
         script = parse_script(site.atom.block.script, site.atom.path)
     except InputError as error:
-        raise UnsupportedError(str(error.findings[0]), _MEND) from None
+        raise UnsupportedError(str(error.findings[0]), MEND) from None
     if not script.functions or script.statements:
-        raise UnsupportedError("its code is no function", _MEND)
+        raise UnsupportedError("its code is no function", MEND)
     return script
 
 
@@ -148,7 +147,7 @@ def _wired(held: Held, period: float) -> Wired:
     if isinstance(held, Struct):
         return Bus({name: _wired(field_of(held, name), period) for name in held.fields})
     if isinstance(held, Unclear):
-        raise CodeError(held.why, held.mend or _MEND)
+        raise CodeError(held.why, held.mend or MEND)
     if not isinstance(held, np.ndarray) or held.size == 0:
         raise CodeError("an output of it is neither numbers nor a struct of them")
     return Signal(as_vector(np.asarray(held)), period)

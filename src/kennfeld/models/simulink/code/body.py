@@ -67,9 +67,8 @@ class Body:
         self.frame = frame or Frame(functions=desk.functions)
         self.calls = Calls(self)
         self.loops = Loops(self)
-        self.watch: Callable[[m.If, State, int], None] | None = (
-            None  # told of each `if`, and how often it asked isempty
-        )
+        # told of each `if`, what was before it, and how often it asked isempty
+        self.watch: Callable[[m.If, State, int], None] | None = None
         self.questions = 0  # how often a persistent variable was asked for a value that it did not have yet
 
     @property
@@ -329,15 +328,19 @@ class Body:
         outer, around = self.state, self.frame
         self.frame = Frame(name, len(arguments), wanted, [], self.desk.beside(function))
         self.state = State(_given(function, arguments), outer.kept, {}, outer.facts)
-        self.desk.calling.append(function)
-        self.run(function.body)
-        self.desk.calling.pop()
-        self._keep()
-        results = tuple(self._results(function, wanted))
+        results = self._followed(function, wanted)
         self.state, self.frame = replace(outer, kept=self.state.kept), around
         for name in self.frame.shared:
             self.names[name] = self.state.kept[GLOBAL, name]
         return results
+
+    def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[Held, ...]:
+        """The results of a function whose frame and variables are those of the body by now."""
+        self.desk.calling.append(function)
+        self.run(function.body)
+        self.desk.calling.pop()
+        self._keep()
+        return tuple(self._results(function, wanted))
 
     def _keep(self) -> None:
         """Note the values of persistent variables for the next call."""

@@ -234,16 +234,12 @@ def _with_cell(calls: "Calls", held: Held | None, trees: Sequence[m.Expression],
     whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
     places = [calls.desk.numbers(array_of(one), "the place of a cell") for one in calls.arguments(whole, trees)]
     at = [int(one.item()) - 1 for one in places if one is not None and one.size == 1]
-    if (
-        len(at) == 1
-        and len(trees) == 1
-        and 0 <= at[0] <= len(cells.cells)
-        and 1 in (*cells.shape, len(cells.cells) + 1)
-    ):
-        made = [*cells.cells[: at[0]], value, *cells.cells[at[0] + 1 :]]
-        return Cells(tuple(made), (len(made), 1) if cells.shape[1] == 1 and len(made) > 1 else (1, len(made)))
     if len(at) != len(trees):
         raise CodeError("the place of a cell is not one fixed number")
+    rows, columns = cells.shape
+    if at == [len(cells.cells)] and min(rows, columns) < 2:  # one more, behind the last
+        shape = (rows + 1, 1) if columns == 1 and rows > 1 else (1, len(cells.cells) + 1)
+        return Cells((*cells.cells, value), shape)
     made = list(cells.cells)
     made[element(whole, at)] = value
     return Cells(tuple(made), cells.shape)
@@ -277,6 +273,8 @@ def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Node
         made = [_whole(one, at, new, axis) for axis, (one, at) in enumerate(zip(places, made, strict=True))]
     if all(chosen is None for chosen, _ in made):
         return _fixed(calls, old, [at for _, at in made], new)
+    for (_, at), size in zip(made, sizes, strict=True):
+        _within(at, size, old, "what it assigns to")
     sizes = [chosen.size if chosen is not None else len(at) for chosen, at in made]
     if new.size not in (1, int(np.prod(sizes))):
         raise CodeError(f"{new.size} elements are assigned to {int(np.prod(sizes))} places")

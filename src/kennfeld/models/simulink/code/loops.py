@@ -4,6 +4,7 @@ Where the end of a loop depends on signals, each pass is one side of a decision 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from itertools import count
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -30,18 +31,28 @@ Begin: TypeAlias = Callable[[int], Turn | None]  # a pass by its number; None af
 _PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
 
 
+@dataclass(frozen=True)
+class _Loop:
+    """A loop while it is unrolled; `outside` are the passes that a decision led into, with what was before each."""
+
+    begin: Begin
+    body: Sequence[m.Statement]
+    target: m.Expression | None = None
+    outside: list[tuple[int, State]] = field(default_factory=list)
+
+
 class Loops:
     """The loops of a body."""
 
     def __init__(self, body: "Body") -> None:
         self.body, self.desk, self.loom = body, body.desk, body.loom
 
-    def _repeat(self, begin: Begin, body: Sequence[m.Statement], target: m.Expression | None = None) -> None:
-        """Passes of a loop one within the other, each of which gives the variable of the loop its value."""
-        outside: list[tuple[int, State]] = []
+    def _repeat(self, loop: _Loop) -> None:
+        """Passes of a loop, one within the other."""
+        outside = loop.outside
         try:
             for number in count():
-                if not self._pass(begin, number, body, outside, target):
+                if not self._pass(loop, number):
                     break
         except EndedError:  # the last pass that was entered by a decision is never taken
             if not outside:
@@ -53,25 +64,18 @@ class Loops:
             self.body.state = joined(self.loom, condition, self.body.state, no, before)
         self.body.state.jumps.pop("break", None)
 
-    def _pass(
-        self,
-        begin: Begin,
-        number: int,
-        body: Sequence[m.Statement],
-        outside: list[tuple[int, State]],
-        target: m.Expression | None,
-    ) -> bool:
+    def _pass(self, loop: _Loop, number: int) -> bool:
         """One pass; false where it was the last one."""
         self.desk.step()
-        turn = begin(number)
-        if turn is None or not self._enter(turn[0], outside):
+        turn = loop.begin(number)
+        if turn is None or not self._enter(turn[0], loop.outside):
             return False
         if turn[1] is not None:
-            self.body.assign(target, turn[1])
-        self.body.run(body)
+            self.body.assign(loop.target, turn[1])
+        self.body.run(loop.body)
         self.body.state.jumps.pop("continue", None)
         going = self.body.going()
-        if going is not None and not self._enter(going, outside):
+        if going is not None and not self._enter(going, loop.outside):
             return False
         if going is not None:
             self.body.state.jumps.clear()
@@ -99,12 +103,12 @@ class Loops:
                 raise CodeError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
             return found if fixed is None else self.loom.const(float(fixed.item() != 0)), None
 
-        self._repeat(begin, body)
+        self._repeat(_Loop(begin, body))
 
     def over(self, target: m.Expression, values: m.Expression, body: Sequence[m.Statement]) -> None:
         """Run statements for each number of a range, or each column of an array."""
         begin = self._along_range(values) if isinstance(values, m.Range) else self._along_columns(values)
-        self._repeat(begin, body, target)
+        self._repeat(_Loop(begin, body, target))
 
     def _along_columns(self, values: m.Expression) -> Begin:
         whole = self.body.nodes(values, "what a loop runs over")

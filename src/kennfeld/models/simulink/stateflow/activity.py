@@ -30,8 +30,8 @@ class Activity:
         if state.parent is None:
             return self.loom.const(1.0)
         if state.parent.parallel:
-            return self.variables.one(f"active {state.id}", guard)
-        child = self.variables.one(f"child {state.parent.id}", guard)
+            return self.variables.one(state.active_key, guard)
+        child = self.variables.one(state.parent.child_key, guard)
         return self.loom.call("eq", child, self.loom.const(float(state.number)))
 
     def still(self, state: State) -> Callable[[Guard], Guard | None]:
@@ -83,7 +83,7 @@ class Activity:
         """The children of a state that may be active now, each with the guard where it is."""
         if not state.children:
             return []
-        now = self.variables.one(f"child {state.id}", guard)
+        now = self.variables.one(state.child_key, guard)
         found = []
         for child in state.children:
             equal = self.loom.call("eq", now, self.loom.const(float(child.number)))
@@ -111,12 +111,12 @@ class Activity:
         """Mark a state as active, and run its entry actions."""
         assert state.parent is not None
         if state.parent.parallel:
-            self.variables.put(f"active {state.id}", self.loom.const(1.0), guard)
+            self.variables.put(state.active_key, self.loom.const(1.0), guard)
         else:
             number = self.loom.const(float(state.number))
-            self.variables.put(f"child {state.parent.id}", number, guard)
+            self.variables.put(state.parent.child_key, number, guard)
             if state.parent.history:
-                self.variables.put(f"history {state.parent.id}", number, guard)
+                self.variables.put(state.parent.history_key, number, guard)
         self.clear(state, guard)
         self.machine.counting.restart(state, guard)
         after = self._acted(state, "entry", context, guard)
@@ -127,7 +127,7 @@ class Activity:
 
     def clear(self, state: State, guard: Guard) -> None:
         """Note that no child of a state is active, which holds whenever it is entered."""
-        names = [f"active {one.id}" for one in state.children] if state.parallel else [f"child {state.id}"]
+        names = [one.active_key for one in state.children] if state.parallel else [state.child_key]
         for name in names if state.children else ():
             self.variables.put(name, self.loom.const(0.0), guard)
 
@@ -149,7 +149,7 @@ class Activity:
             return
         left: Guard | None = guard
         if state.history:
-            last = self.variables.one(f"history {state.id}", guard)
+            last = self.variables.one(state.history_key, guard)
             for child in state.children:
                 where = self.logic.where(guard, self.loom.call("eq", last, self.loom.const(float(child.number))))
                 if where is not None:
@@ -184,7 +184,7 @@ class Activity:
         after = self._acted(state, "exit", context, inner) if inner is not None else None
         if after is None:
             return None
-        name = f"active {state.id}" if state.parent.parallel else f"child {state.parent.id}"
+        name = state.active_key if state.parent.parallel else state.parent.child_key
         self.variables.put(name, self.loom.const(0.0), after)
         self.machine.events.tell("exit", state, after)
         return self.still(state.parent)(after)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from kennfeld.models.simulink.code.errors import MEND
 from kennfeld.models.simulink.expressions.signals import Nodes, Wired
 from kennfeld.models.simulink.files.ports import port_number
 from kennfeld.models.simulink.flattening.atoms import Atom
@@ -18,8 +19,6 @@ from kennfeld.models.simulink.weaving.site import Site
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
 __all__ = ["Calls", "port_names"]
-
-_MEND = "Draw it as blocks, or bind its outputs."
 
 
 def port_names(atom: Atom, kind: str) -> list[str]:
@@ -97,14 +96,14 @@ class Calls:
         name = event.written.name
         before = self._nodes.get(name)
         if before is not None and machine.logic.truth(before, guard) is not False:
-            raise UnsupportedError(f"it may call {name} twice in a step", _MEND)
+            raise UnsupportedError(f"it may call {name} twice in a step", MEND)
         self._nodes[name] = guard.node if before is None else machine.loom.call("or", before, guard.node)
         self._made.append((name, guard, dict(machine.variables.values)))
         late = [at for at, names in self.late.items() if name in names]
         if not late:
             return
         if before is not None or any(len(self.late[at]) > 1 for at in late):
-            raise UnsupportedError(f"it calls {name} in several places, and reads what it makes", _MEND)
+            raise UnsupportedError(f"it calls {name} in several places, and reads what it makes", MEND)
         self._build(name, late, machine, outputs())
 
     def _build(self, name: str, late: list[int], machine: Machine, outputs: tuple[Wired, ...]) -> None:
@@ -114,7 +113,7 @@ class Calls:
         for one in built:
             reads = any(source is not None and source.atom is atom for source in one.inputs)
             if reads and one not in self._controls and self._caller(one) != name:
-                raise UnsupportedError(f"what it calls by {name} needs {one.path}, which needs the chart", _MEND)
+                raise UnsupportedError(f"what it calls by {name} needs {one.path}, which needs the chart", MEND)
         self._built.update(built)
         names = port_names(atom, "Inport")
         for at in late:
@@ -144,7 +143,7 @@ class Calls:
                 for source in atom.inputs:
                     if source is not None and source.atom is self.site.atom and source.port in changed:
                         what = f"it changes {names[source.port]}, which {atom.path} reads, after it has called {name}"
-                        raise UnsupportedError(what, _MEND)
+                        raise UnsupportedError(what, MEND)
 
     def _same(self, machine: Machine, guard: Guard, one: Nodes, other: Nodes) -> bool:
         logic = machine.logic

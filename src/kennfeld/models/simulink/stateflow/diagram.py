@@ -53,6 +53,21 @@ class State:
             here = here.parent
 
     @property
+    def active_key(self) -> str:
+        """The memory of whether it is active, of a state among parallel ones."""
+        return f"active {self.id}"
+
+    @property
+    def child_key(self) -> str:
+        """The memory of which of its children is active, by their numbers; 0 where none is."""
+        return f"child {self.id}"
+
+    @property
+    def history_key(self) -> str:
+        """The memory of which of its children was active last."""
+        return f"history {self.id}"
+
+    @property
     def path(self) -> str:
         """The names from the outside; empty for the chart."""
         return ".".join(reversed([one.name for one in self.around if one.parent is not None]))

@@ -41,10 +41,11 @@ class Elements:
             fixed = self._fixed(places)
             if fixed is not None:
                 return _taken(array, fixed)
+            elements = self._elements(array, places, context)
         except IndexError:
             raise UnsupportedError(f"{context.place}: it takes elements of {key} that are not there") from None
         found = self.loom.const(math.nan)
-        for where, element in self._elements(array, places, context):
+        for where, element in elements:
             found = self.loom.call("select", where, element, found)
         return np.array([[found]], dtype=np.int64)
 
@@ -58,15 +59,13 @@ class Elements:
             if fixed is not None:
                 _put(made, fixed, new)
                 return self.variables.set(key, made, guard)
+            elements = self._elements(array, places, context)
         except (IndexError, ValueError):
             raise UnsupportedError(f"{context.place}: it assigns to elements of {key} that are not there") from None
         if new.size != 1:
             raise UnsupportedError(f"{context.place}: it assigns to several elements of {key} that change")
-        changed = [
-            self.loom.call("select", where, int(new.item()), element)
-            for where, element in self._elements(array, places, context)
-        ]
-        return self.variables.set(key, np.array(changed, dtype=np.int64).reshape(array.shape), guard)
+        chosen = [self.loom.call("select", where, int(new.item()), element) for where, element in elements]
+        return self.variables.set(key, np.array(chosen, dtype=np.int64).reshape(array.shape), guard)
 
     def _places(
         self, shape: tuple[int, ...], indices: tuple[m.Expression, ...], context: Context, guard: Guard
@@ -112,9 +111,13 @@ class Elements:
         return found
 
     def _elements(self, array: Nodes, places: Sequence[Nodes | None], context: Context) -> "list[tuple[int, int]]":
-        """Each element, rows first, with the node that is 1 where the indices mean it."""
+        """Each element, rows first, with the node that is 1 where the indices mean it; raises `IndexError`."""
         if array.size > _MOST_ELEMENTS or any(place is None or place.size != 1 for place in places):
             raise UnsupportedError(f"{context.place}: it indexes an array in a way that is not supported")
+        for place, size in zip(places, array.shape if len(places) == 2 else (array.size,), strict=True):
+            number = self.loom.value(int(place.item())) if place is not None else None
+            if number is not None and not 1 <= number <= size:
+                raise IndexError
         made = []
         for at in np.ndindex(*array.shape):
             wanted = at if len(places) == 2 else (at[0] + at[1] * array.shape[0],)

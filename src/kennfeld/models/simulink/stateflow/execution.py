@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
+from kennfeld.models.simulink.code.errors import MEND
 from kennfeld.models.simulink.expressions.expressions import Expressions
 from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.stateflow.activity import Activity
@@ -25,7 +26,6 @@ __all__ = ["Machine"]
 
 _MOST_WORK = 30_000
 _DEEPEST = 12  # events sent, or functions called, within each other
-_MEND = "Draw it as blocks, or bind its outputs."
 
 Called = Callable[[Event, Guard], None]
 
@@ -72,14 +72,14 @@ class Machine:
         """Count a piece of work; what would never end is refused."""
         self._done += 1
         if self._done > _MOST_WORK:
-            raise UnsupportedError(f"its chart unfolds to more than {_MOST_WORK} actions", _MEND)
+            raise UnsupportedError(f"its chart unfolds to more than {_MOST_WORK} actions", MEND)
 
     @contextmanager
     def deeper(self, what: str) -> Iterator[None]:
         """What is followed within something else; refused where that has no end."""
         self._depth += 1
         if self._depth > _DEEPEST:
-            raise UnsupportedError(f"it {what} without an end, or more than {_DEEPEST} deep", _MEND)
+            raise UnsupportedError(f"it {what} without an end, or more than {_DEEPEST} deep", MEND)
         yield
         self._depth -= 1
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from kennfeld.matlab import syntax as m
+from kennfeld.models.simulink.code.errors import MEND
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Arrow, Knot, State
 from kennfeld.models.simulink.stateflow.guards import Guard
@@ -20,7 +21,6 @@ __all__ = ["Fired", "Search", "sure_knots"]
 
 _MOST_TURNS = 400  # of a loop among junctions
 _DEEPEST = 150  # junctions on one way that may have to be gone back
-_MEND = "Draw it as blocks, or bind its outputs."
 
 
 class _Way(NamedTuple):
@@ -131,7 +131,7 @@ class Search:
 
     def _endless(self, most: int) -> UnsupportedError:
         what = f"its junctions make a loop of more than {most} turns, or one whose end depends on signals"
-        return UnsupportedError(what, _MEND)
+        return UnsupportedError(what, MEND)
 
 
 def sure_knots(knots: list[Knot]) -> frozenset[Knot]:

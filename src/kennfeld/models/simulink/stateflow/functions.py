@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from kennfeld.errors import InputError
 from kennfeld.matlab.parser import parse_script
+from kennfeld.models.simulink.code.errors import MEND
 from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Function
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.execution import Machine
 
 __all__ = ["Functions"]
-
-_MEND = "Draw it as blocks, or bind its outputs."
 
 
 class Functions:
@@ -33,7 +32,7 @@ class Functions:
     ) -> tuple[list[Nodes], Guard | None]:
         """Run a function of the chart; what it gives, and the guard where it comes back."""
         if function.refused:
-            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", _MEND)
+            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", MEND)
         if len(given) > len(function.parameters):
             raise UnsupportedError(f"{context.place}: {function.name} is given {len(given)} values")
         with self.machine.deeper(f"calls {function.name}"):

@@ -5,7 +5,7 @@ value, prunes parts that cannot run, and finds the values of variables that are 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -189,26 +189,25 @@ class Logic:
 
     def _concluded(self, guard: Guard) -> bool:
         """Draw conclusions from the clauses; whether they can all hold."""
-        again = True
-        while again:
-            again = False
-            if not self._followed(guard):
+        while self._followed(guard):
+            clause, last = next(self._pressing(guard), (None, None))
+            if clause is None:
+                return True
+            if last is None:
                 return False
-            for clause in guard.clauses:
-                args, truth = clause
-                self._left = _MOST_LOOKED_AT
-                known = [self._truth(arg, guard) for arg in args]
-                open_ = [arg for arg, value in zip(args, known, strict=True) if value is None]
-                if (not truth) in known or len(open_) > 1:
-                    continue
-                if not open_:
-                    return False
-                guard.clauses = [one for one in guard.clauses if one is not clause]
-                guard.unknown.clear()
-                self._learn(open_[0], not truth, guard)
-                again = True
-                break
-        return True
+            guard.clauses = [one for one in guard.clauses if one is not clause]
+            guard.unknown.clear()
+            self._learn(last, not clause[1], guard)
+        return False
+
+    def _pressing(self, guard: Guard) -> Iterator[tuple[Clause, int | None]]:
+        """The clauses that one node alone can keep, with that node; those that none can keep, with None."""
+        for clause in guard.clauses:
+            args, truth = clause
+            self._left = _MOST_LOOKED_AT
+            known = [self._truth(arg, guard) for arg in args]
+            if (not truth) not in known and known.count(None) < 2:
+                yield clause, args[known.index(None)] if None in known else None
 
     def _followed(self, guard: Guard) -> bool:
         """Hand values on to the sides of decisions that are known by now; whether that fits."""

@@ -76,7 +76,7 @@ class Events:
         if (kind, state.name) in self._implicit:
             self._broadcast(f"{kind} {state.id}", self.diagram.root, guard)
 
-    def written(self, key: str, old: Nodes, guard: Guard, context: Context) -> None:
+    def written(self, key: str, old: Nodes, guard: Guard) -> None:
         """Process the event that a variable has changed, where a label asks for it."""
         if ("change", key.rpartition(".")[2]) not in self._implicit:
             return

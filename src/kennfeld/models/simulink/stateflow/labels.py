@@ -87,23 +87,24 @@ def state_label(label: str, language: str = "C") -> StateLabel:
     >>> state_label("On/\nen, du: y = 1;\nex: y = 0;").actions[1]
     Action(kind='during', code='y = 1;', event='')
     """
-    text = without_comments(label.replace("\r\n", "\n").replace("\r", "\n"), language)
+    text = _cleaned(label, language)
     name = _NAME.match(text)
     if name is None:
         return StateLabel("")
-    rest = text[name.end() :].lstrip()
-    rest = rest[1:] if rest.startswith("/") else rest
+    rest = text[name.end() :].lstrip().removeprefix("/")
     heads = list(_HEAD.finditer(rest))
-    actions: list[Action] = []
-    plain = rest[: heads[0].start()] if heads else rest
-    if plain.strip(" \t\n;,"):
-        actions += [Action("entry", plain.strip()), Action("during", plain.strip())]
-    for at, head in enumerate(heads):
-        end = heads[at + 1].start() if at + 1 < len(heads) else len(rest)
+    plain = rest[: heads[0].start()].strip() if heads else rest.strip()
+    bare = bool(plain.strip(";, \t\n"))
+    actions = [Action("entry", plain), Action("during", plain)] if bare else []
+    ends = [*(head.start() for head in heads), len(rest)][1:]
+    for head, end in zip(heads, ends, strict=True):
         code = rest[head.end() : end].strip()
-        if code:
-            actions += [_action(word.strip(), code) for word in _ONE.split(head[1])]
-    return StateLabel(name[1], tuple(actions), bool(plain.strip(" \t\n;,")))
+        actions += [_action(word.strip(), code) for word in _ONE.split(head[1]) if code]
+    return StateLabel(name[1], tuple(actions), bare)
+
+
+def _cleaned(label: str, language: str) -> str:
+    return without_comments(label.replace("\r\n", "\n").replace("\r", "\n"), language)
 
 
 def _action(word: str, code: str) -> Action:
@@ -117,29 +118,34 @@ def transition_label(label: str, language: str = "C") -> TransitionLabel:
     >>> found.event, found.condition, found.condition_action, found.action
     ('after(a/b, sec)', 'x[1] > 0', 'y = 1;', 'z = 2;')
     """
-    text = without_comments(label.replace("\r\n", "\n").replace("\r", "\n"), language).strip()
+    text = _cleaned(label, language).strip()
     if text == "?":
         return TransitionLabel()
     event, at = _event(text, language)
-    found = {"[": "", "{": ""}
-    fault = ""
+    condition, condition_action, end, fault = _bracketed(text, at, language)
+    action, rest = "", text[end:].strip()
+    if rest.startswith("/"):
+        action = _bare(rest[1:].strip(), language)
+    elif rest:
+        fault = fault or f"{rest[:40]!r} does not belong to it"
+    return TransitionLabel(event, condition, condition_action, action, fault)
+
+
+def _bracketed(text: str, at: int, language: str) -> tuple[str, str, int, str]:
+    """The condition and the condition action from a place on, where they end, and what is wrong with them."""
+    found, fault = {"[": "", "{": ""}, ""
     while at < len(text) and text[at] in "[{ \t\n":
         if not text[at].isspace():
             end = _close(text, at, language)
             if end < 0:
-                return TransitionLabel(event, fault=f"{text[at]} is never closed")
+                return "", "", len(text), f"{text[at]} is never closed"
             inside = text[at + 1 : end].strip()
             if found[text[at]] and inside:
                 fault = f"it has two parts in {text[at]}{_CLOSED_BY[text[at]]}"
             found[text[at]] = found[text[at]] or inside
             at = end
         at += 1
-    action, rest = "", text[at:].strip()
-    if rest.startswith("/"):
-        action = _bare(rest[1:].strip(), language)
-    elif rest:
-        fault = f"{rest[:40]!r} does not belong to it"
-    return TransitionLabel(event, found["["], found["{"], action, fault)
+    return found["["], found["{"], at, fault
 
 
 def _event(text: str, language: str) -> tuple[str, int]:

@@ -119,7 +119,7 @@ class Statements:
         else:
             self.values.variables.set(key, new, guard)
         if old is not None:
-            self.machine.events.written(key, old, guard, context)
+            self.machine.events.written(key, old, guard)
 
     def _evaluate(self, tree: m.Expression, context: Context, guard: Guard) -> Guard | None:
         sent = self.values.event(tree, context)

@@ -56,7 +56,7 @@ class Transitions:
             found = self.logic.where(guard, self.machine.activity.active(top, guard))
             if found is None or top.parallel or not top.children:
                 return found
-            child = self.variables.one(f"child {top.id}", found)
+            child = self.variables.one(top.child_key, found)
             return self.logic.where(found, self.loom.call("eq", child, self.loom.const(0.0)))
 
         return calm

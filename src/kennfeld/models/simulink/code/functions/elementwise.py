@@ -40,7 +40,7 @@ def cast_to(given: Given) -> Held:
     return truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
 
 
-@function("real", "conj", "full", "squeeze")
+@function("real", "conj", "full")
 def same(given: Given) -> Held:
     """The value as it is: all numbers are real, arrays full."""
     return given.array(0)
@@ -51,10 +51,6 @@ def logical(given: Given) -> Held:
     """Whether elements are not 0."""
     x = given.array(0)
     return x if isinstance(x, Truths) else truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
-
-
-def _number(loom: Loom, value: float) -> Nodes:
-    return constants(loom, value)
 
 
 def _minus(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
@@ -70,68 +66,68 @@ def _over(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
 
 
 def _log1p(loom: Loom, x: Nodes) -> Nodes:
-    return each(loom, "log", each(loom, "add", x, _number(loom, 1.0)))
+    return each(loom, "log", each(loom, "add", x, constants(loom, 1.0)))
 
 
 def _expm1(loom: Loom, x: Nodes) -> Nodes:
     """By the hyperbolic tangent, which is exact near 0: 2 t / (1 - t), t = tanh(x/2)."""
-    t = each(loom, "tanh", _times(loom, x, _number(loom, 0.5)))
-    near = _over(loom, _times(loom, _number(loom, 2.0), t), _minus(loom, _number(loom, 1.0), t))
-    far = _minus(loom, each(loom, "exp", x), _number(loom, 1.0))
-    return each(loom, "select", each(loom, "lt", each(loom, "abs", x), _number(loom, 1.0)), near, far)
+    t = each(loom, "tanh", _times(loom, x, constants(loom, 0.5)))
+    near = _over(loom, _times(loom, constants(loom, 2.0), t), _minus(loom, constants(loom, 1.0), t))
+    far = _minus(loom, each(loom, "exp", x), constants(loom, 1.0))
+    return each(loom, "select", each(loom, "lt", each(loom, "abs", x), constants(loom, 1.0)), near, far)
 
 
 def _asinh(loom: Loom, x: Nodes) -> Nodes:
     """By logarithms of sums on either side of 0, so that nothing cancels and the slope at 0 is 1."""
-    root = each(loom, "sqrt", each(loom, "add", _times(loom, x, x), _number(loom, 1.0)))
+    root = each(loom, "sqrt", each(loom, "add", _times(loom, x, x), constants(loom, 1.0)))
     rising, falling = each(loom, "log", each(loom, "add", x, root)), each(loom, "log", _minus(loom, root, x))
-    return each(loom, "select", each(loom, "ge", x, _number(loom, 0.0)), rising, each(loom, "neg", falling))
+    return each(loom, "select", each(loom, "ge", x, constants(loom, 0.0)), rising, each(loom, "neg", falling))
 
 
 def _acosh(loom: Loom, x: Nodes) -> Nodes:
-    root = each(loom, "sqrt", _minus(loom, _times(loom, x, x), _number(loom, 1.0)))
+    root = each(loom, "sqrt", _minus(loom, _times(loom, x, x), constants(loom, 1.0)))
     return each(loom, "log", each(loom, "add", x, root))
 
 
 def _atanh(loom: Loom, x: Nodes) -> Nodes:
-    one = _number(loom, 1.0)
+    one = constants(loom, 1.0)
     ratio = _over(loom, each(loom, "add", one, x), _minus(loom, one, x))
-    return _times(loom, _number(loom, 0.5), each(loom, "log", ratio))
+    return _times(loom, constants(loom, 0.5), each(loom, "log", ratio))
 
 
 def _turned(loom: Loom, x: Nodes, turn: float) -> Nodes:
     """An angle from 0 to a whole turn; positive multiples of a turn stay one."""
-    made = each(loom, "mod", x, _number(loom, turn))
-    zero = _number(loom, 0.0)
+    made = each(loom, "mod", x, constants(loom, turn))
+    zero = constants(loom, 0.0)
     whole = each(loom, "and", each(loom, "eq", made, zero), each(loom, "gt", x, zero))
-    return each(loom, "select", whole, _number(loom, turn), made)
+    return each(loom, "select", whole, constants(loom, turn), made)
 
 
 def _wrapped(loom: Loom, x: Nodes, half: float) -> Nodes:
     """An angle within half a turn to both sides; those that are stay as they are."""
-    made = _minus(loom, _turned(loom, each(loom, "add", x, _number(loom, half)), 2 * half), _number(loom, half))
-    return each(loom, "select", each(loom, "gt", each(loom, "abs", x), _number(loom, half)), made, x)
+    made = _minus(loom, _turned(loom, each(loom, "add", x, constants(loom, half)), 2 * half), constants(loom, half))
+    return each(loom, "select", each(loom, "gt", each(loom, "abs", x), constants(loom, half)), made, x)
 
 
 _ONE: Final[dict[str, Rule]] = {
     **ONE,
-    "log2": lambda loom, x: _over(loom, each(loom, "log", x), _number(loom, math.log(2.0))),
+    "log2": lambda loom, x: _over(loom, each(loom, "log", x), constants(loom, math.log(2.0))),
     "log1p": _log1p,
     "expm1": _expm1,
     "asinh": _asinh,
     "acosh": _acosh,
     "atanh": _atanh,
-    "sec": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "cos", x)),
-    "csc": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "sin", x)),
-    "cot": lambda loom, x: _over(loom, _number(loom, 1.0), each(loom, "tan", x)),
-    "sind": lambda loom, x: each(loom, "sin", _times(loom, x, _number(loom, _DEGREES))),
-    "cosd": lambda loom, x: each(loom, "cos", _times(loom, x, _number(loom, _DEGREES))),
-    "tand": lambda loom, x: each(loom, "tan", _times(loom, x, _number(loom, _DEGREES))),
-    "asind": lambda loom, x: _over(loom, each(loom, "asin", x), _number(loom, _DEGREES)),
-    "acosd": lambda loom, x: _over(loom, each(loom, "acos", x), _number(loom, _DEGREES)),
-    "atand": lambda loom, x: _over(loom, each(loom, "atan", x), _number(loom, _DEGREES)),
-    "deg2rad": lambda loom, x: _times(loom, x, _number(loom, _DEGREES)),
-    "rad2deg": lambda loom, x: _over(loom, x, _number(loom, _DEGREES)),
+    "sec": lambda loom, x: _over(loom, constants(loom, 1.0), each(loom, "cos", x)),
+    "csc": lambda loom, x: _over(loom, constants(loom, 1.0), each(loom, "sin", x)),
+    "cot": lambda loom, x: _over(loom, constants(loom, 1.0), each(loom, "tan", x)),
+    "sind": lambda loom, x: each(loom, "sin", _times(loom, x, constants(loom, _DEGREES))),
+    "cosd": lambda loom, x: each(loom, "cos", _times(loom, x, constants(loom, _DEGREES))),
+    "tand": lambda loom, x: each(loom, "tan", _times(loom, x, constants(loom, _DEGREES))),
+    "asind": lambda loom, x: _over(loom, each(loom, "asin", x), constants(loom, _DEGREES)),
+    "acosd": lambda loom, x: _over(loom, each(loom, "acos", x), constants(loom, _DEGREES)),
+    "atand": lambda loom, x: _over(loom, each(loom, "atan", x), constants(loom, _DEGREES)),
+    "deg2rad": lambda loom, x: _times(loom, x, constants(loom, _DEGREES)),
+    "rad2deg": lambda loom, x: _over(loom, x, constants(loom, _DEGREES)),
     "wrapToPi": lambda loom, x: _wrapped(loom, x, math.pi),
     "wrapTo180": lambda loom, x: _wrapped(loom, x, 180.0),
     "wrapTo2Pi": lambda loom, x: _turned(loom, x, 2 * math.pi),
@@ -147,7 +143,7 @@ def composed(given: Given) -> Held:
 
 
 def _xor(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
-    zero = _number(loom, 0.0)
+    zero = constants(loom, 0.0)
     return each(loom, "ne", each(loom, "ne", a, zero), each(loom, "ne", b, zero))
 
 
@@ -215,5 +211,7 @@ def root(given: Given) -> Held:
     loom, x, degree = given.calls.loom, given.array(0), given.whole(1)
     if not degree:
         raise given.refuse("a root of degree 0")
-    made = each(loom, "pow", each(loom, "abs", x), _number(loom, 1.0 / degree))
-    return _times(loom, each(loom, "sign", x), made) if degree % 2 else each(loom, "pow", x, _number(loom, 1 / degree))
+    share = constants(loom, 1.0 / degree)
+    if degree % 2 == 0:
+        return each(loom, "pow", x, share)
+    return _times(loom, each(loom, "sign", x), each(loom, "pow", each(loom, "abs", x), share))

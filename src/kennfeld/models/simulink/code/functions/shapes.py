@@ -135,7 +135,12 @@ def repeated(given: Given) -> Held:
     """An array several times beside itself."""
     counts, array = sizes(given, 1), given.array(0)
     given.calls.desk.room(float(array.size) * float(np.prod(counts)))
-    return np.tile(array, counts)
+    return np.tile(_deeper(array, len(counts)), [*counts, *(1,) * (array.ndim - len(counts))])
+
+
+def _deeper(array: Nodes, count: int) -> Nodes:
+    """An array with as many dimensions, those behind its own one long."""
+    return array.reshape((*array.shape, *(1,) * (count - array.ndim)))
 
 
 @function("horzcat", "vertcat", "cat", least=1, most=50)
@@ -144,8 +149,7 @@ def beside(given: Given) -> Held:
     first = 1 if given.name == "cat" else 0
     axis = given.whole(0) - 1 if first else int(given.name == "horzcat")
     arrays = [np.asarray(given.array(at)) for at in range(first, len(given)) if given.array(at).size]
-    arrays = [one.reshape((*one.shape, *(1,) * (axis + 1 - one.ndim))) for one in arrays]
-    return np.concatenate(arrays, axis=axis)
+    return np.concatenate([_deeper(one, axis + 1) for one in arrays], axis=axis)
 
 
 @function("transpose", "ctranspose")
@@ -159,10 +163,18 @@ def permuted(given: Given) -> Held:
     """Dimensions in another order."""
     order = [int(n) - 1 for n in given.numbers(1).ravel()]
     array = given.array(0)
-    made = np.transpose(array.reshape((*array.shape, *(1,) * (len(order) - array.ndim))), order)
+    made = np.transpose(_deeper(array, len(order)), order)
     while made.ndim > 2 and made.shape[-1] == 1:
         made = made[..., 0]
     return made
+
+
+@function("squeeze")
+def squeezed(given: Given) -> Held:
+    """An array of more than two dimensions without those that are one long; a column where one is left."""
+    array = given.array(0)
+    longer = [size for size in array.shape if size != 1]
+    return array if array.ndim < 3 else array.reshape((*longer, 1, 1)[: max(len(longer), 2)], order="F")
 
 
 @function("fliplr", "flipud", "flip", least=1, most=2)
@@ -292,6 +304,7 @@ def is_kind(given: Given) -> Held:
     number = isinstance(held, np.ndarray) and not isinstance(held, Truths)
     found = {
         "iscell": isinstance(held, Cells), "isstruct": isinstance(held, Struct), "ischar": isinstance(held, str),
-        "isstring": isinstance(held, str), "islogical": isinstance(held, Truths), "isinteger": False,
+        "isstring": isinstance(held, str), "isreal": isinstance(held, np.ndarray | str),
+        "islogical": isinstance(held, Truths), "isinteger": False,
     }.get(given.name, number)  # fmt: skip
     return truths(constants(given.calls.loom, float(found)))
