@@ -1,5 +1,7 @@
 """Subsystems that do not run in every step, and what decides and joins them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal
@@ -92,8 +94,7 @@ def _held(site: Site, wired: Wired) -> Wired:
 def merge(site: Site) -> Wired:
     """The output of the subsystem that ran last; of several that run in a step, of the last one."""
     sources = [source for source in site.atom.inputs if source is not None]
-    text = site.text("InitialOutput")
-    init = site.constant(0.0) if text in ("[]", "") else site.parameter("InitialOutput")
+    init = _merged_initially(site, sources)
     merged = [(_runs(site, source), site.weaver.value(source)) for source in sources]
     signals = [wired.signal if isinstance(wired, OpenBus) else wired for _, wired in merged]
     if not all(isinstance(signal, Signal) for signal in signals):
@@ -106,6 +107,15 @@ def merge(site: Site) -> Wired:
         y = site.select(runs, signal, y)
     made.append(y)
     return y
+
+
+def _merged_initially(site: Site, sources: Sequence[Source]) -> Signal:
+    """What a Merge begins with: its own initial output, else the last one that the outputs before it state."""
+    stating = [site, *(site.weaver.site(source.atom) for source in reversed(sources) if source.atom.kind == "Held")]
+    for one in stating:
+        if one.text("InitialOutput") not in ("[]", ""):
+            return one.parameter("InitialOutput")
+    return site.constant(0.0)
 
 
 def _runs(site: Site, source: Source) -> Signal:
