@@ -22,6 +22,7 @@ REFUSED = [
     ("DiscreteFir", {"FilterStructure": "Direct form transposed", "InitialStates": "1"}, "have initial values"),
     ("DataTypeConversion", {"OutDataTypeStr": "fixdt(0,16,13)", **STORED}, "it takes a number by its stored bits"),
     ("DataTypeConversion", {"OutDataTypeStr": "uint16", **STORED}, "it takes a number by its stored bits"),
+    ("Saturate", {"UpperLimitSource": "Input port"}, "its limits are inputs"),
 ]
 
 
@@ -76,6 +77,17 @@ def test_stored_bits_of_whole_numbers_are_the_numbers(tmp_path):
     drawn.outport("y")
     drawn.chain("u", "C", "y")
     np.testing.assert_array_equal(run(imported(drawn, tmp_path), {"u": [0.0, 7.0]})["y"], [0, 7])
+
+
+def test_a_ramp_of_an_older_file_begins_at_x0(tmp_path):
+    found = run(imported(alone("Reference", 0, special="Ramp", slope="2", start="0.1", X0="-10"), tmp_path), samples=4)
+    np.testing.assert_allclose(found["y1"], [-10, -10, -9.8, -9.6], atol=1e-12)
+
+
+def test_a_controller_with_an_input_for_its_derivative_is_refused(tmp_path):
+    given = {"TimeDomain": "Discrete-time", "UseExternalDerivativeSource": "on"}
+    with pytest.raises(InputError, match="UseExternalDerivativeSource is 'on'"):
+        imported(alone("Reference", 2, special="PID 1dof", **given), tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["DiscreteFilter", "DiscreteTransferFcn"])

@@ -22,14 +22,15 @@ _DEFAULTS = {
     "InitialConditionForIntegrator": "0", "InitialConditionForFilter": "0", "DifferentiatorICPrevScaledInput": "0",
     "ExternalReset": "none", "InitialConditionSource": "internal", "TrackingMode": "off", "Kt": "1", "Kb": "1",
     "ControllerParametersSource": "internal", "LimitOutput": "off", "SatLimitsSource": "internal",
-    "LimitIntegratorOutput": "off", "AntiWindupMode": "none", "UpperSaturationLimit": "inf",
+    "LimitIntegrator": "off", "AntiWindupMode": "none", "UpperSaturationLimit": "inf",
     "LowerSaturationLimit": "-inf", "UpperIntegratorSaturationLimit": "inf", "LowerIntegratorSaturationLimit": "-inf",
-    "InitialConditionSetting": "Auto", "UseExternalTs": "off", "UseKiTs": "off",
+    "InitialConditionSetting": "Auto", "UseExternalTs": "off", "UseKiTs": "off", "UseExternalDerivativeSource": "off",
 }  # fmt: skip
 _PLAIN = {
     "SatLimitsSource": ("internal",),
     "UseExternalTs": ("off",),
     "UseKiTs": ("off",),
+    "UseExternalDerivativeSource": ("off",),
     "AntiWindupMode": ("none", "back-calculation", "clamping"),
     "InitialConditionSetting": ("Auto", "State (most efficient)", "State"),
 }
@@ -138,7 +139,7 @@ class _Controller:
     def _integral(self) -> Signal:
         site, init = self.site, self._initial("I0", "InitialConditionForIntegrator")
         limits = None
-        if site.on("LimitIntegratorOutput"):
+        if site.on("LimitIntegrator"):
             limits = tuple(site.parameter(f"{side}IntegratorSaturationLimit") for side in ("Lower", "Upper"))
         if self.is_continuous:
             x = site.integrate(init, lambda _: self._integrand(), self._reset(), limits)  # type: ignore[arg-type]

@@ -57,7 +57,8 @@ def ramp(site: Site) -> Wired:
     """A line that begins to rise at a time."""
     start = site.parameter("start")
     since = site.call("max", site.call("sub", site.time, start), site.constant(0.0))
-    return site.call("add", site.parameter("InitialOutput"), site.call("mul", site.parameter("slope"), since))
+    first = site.parameter("X0" if site.text("X0", "") else "InitialOutput")  # X0 in older files
+    return site.call("add", first, site.call("mul", site.parameter("slope"), since))
 
 
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
