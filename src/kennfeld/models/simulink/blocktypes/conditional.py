@@ -8,7 +8,7 @@ from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.places import cases_of
 from kennfeld.models.simulink.expressions.arrays import fold
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import Bus, OpenBus, Signal, Wired, fastest
+from kennfeld.models.simulink.expressions.signals import Bus, OpenBus, Signal, Wired, fastest, scalar
 from kennfeld.models.simulink.flattening.atoms import Source, resets
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site, resized
@@ -24,14 +24,14 @@ def control(site: Site) -> tuple[Wired, ...]:
     active = site.weaver.timing.at_major(site.fold("and", conditions or [site.constant(1.0)]))
     outer = site.weaver.gates.active(site.atom)
     if outer is not None:
-        active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
+        active = site.call("and", scalar(outer), active)
     return active, restart(site, active)
 
 
 def restart(site: Site, active: Signal) -> Signal:
     """1 where the memories of a subsystem begin anew: those around it do, it is enabled again, or it is reset."""
     around = site.weaver.gates.restart(site.atom)
-    events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
+    events = [] if around is None else [scalar(around)]
     if resets(site.atom):
         before = site.weaver.memories.always(site, site.constant(0.0), active)
         events.append(site.call("and", active, site.call("not", before)))
@@ -78,7 +78,7 @@ def _held(site: Site, wired: Wired) -> Wired:
     active = site.weaver.gates.active(site.atom)
     if active is None:
         return wired
-    runs = Signal(np.array([active], dtype=np.int64), wired.period)
+    runs = scalar(active, wired.period)
     init = Signal(resized(init.nodes, wired.shape))
     control_of = site.atom.control
     resettable = control_of is not None and "trigger" not in control_of.special

@@ -7,8 +7,6 @@ keeps the integral from winding up at them, resets, and the tracking of another 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
 from kennfeld.models.simulink.expressions.signals import Signal, Wired
 from kennfeld.models.simulink.files.tree import Block
@@ -268,7 +266,7 @@ def old_pid(site: Site) -> Wired:
     e = site.input()
     u = site.discrete(e)
     change = site.call("sub", u, site.remember(u, lambda _: u))
-    return _old_sum(site, e, site.call("mul", site.parameter("D"), site.call("div", change, _major_step(site))))
+    return _old_sum(site, e, site.call("mul", site.parameter("D"), site.call("div", change, site.major_step)))
 
 
 @block("PID Controller (with Approximate Derivative)", linked=True, P="1", I="1", D="0", N="100")
@@ -283,7 +281,3 @@ def _old_sum(site: Site, e: Signal, derivative: Signal) -> Signal:
     scaled = site.call("mul", site.parameter("I"), e)
     integral = site.integrate(site.constant(0.0), lambda _: scaled, None, None)
     return site.fold("add", [site.call("mul", site.parameter("P"), e), integral, derivative])
-
-
-def _major_step(site: Site) -> Signal:
-    return Signal(np.array([site.loom.input("dt")], dtype=np.int64))

@@ -49,8 +49,7 @@ def _cell(site: Site, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
 def _breakpoints(site: Site) -> list[Signal]:
     """The breakpoints, which may come from an input."""
     if site.chosen("BreakpointsDataSource", "Dialog", "Input port") == "Input port":
-        given = site.input(1)
-        found = [Signal(np.array([node], dtype=np.int64), given.period) for node in given.flat]
+        found = site.input(1).elements
     else:
         points = _points(site)
         if not np.all(np.diff(points) > 0):

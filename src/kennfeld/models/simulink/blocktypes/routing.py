@@ -338,8 +338,7 @@ def multiport_switch(site: Site) -> Wired:
     index = Signal(towards_zero(site.loom, index.nodes), index.period)
     data = [site.wired(at) for at in range(1, site.count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
-        only = data[0]
-        data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
+        data = list(data[0].elements)
     if not data:
         raise UnsupportedError("it has no data port")
     if order == "Specify indices":

@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.models.simulink.expressions.expressions import Expressions
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Signal, Wired
+from kennfeld.models.simulink.expressions.signals import CONSTANT, Signal, Wired, scalar
 from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.weaving.registry import KINDS, UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
@@ -148,12 +148,12 @@ def stairs(site: Site) -> Wired:
     """Values one after the other, again and again."""
     values = site.parameter("OutValues").flat
     sample = site.number("tsamp")
-    dt = site.constant(sample) if sample > 0 else Signal(np.array([site.loom.input("dt")], dtype=np.int64), CONTINUOUS)
+    dt = site.constant(sample) if sample > 0 else site.major_step
     count = site.call("floor", site.call("add", site.call("div", site.time, dt), site.constant(1e-6)))
     at = site.call("mod", count, site.constant(float(len(values))))
-    made = Signal(np.array([values[-1]], dtype=np.int64), CONTINUOUS)
+    made = scalar(values[-1])
     for place in reversed(range(len(values) - 1)):
-        here = Signal(np.array([values[place]], dtype=np.int64), CONTINUOUS)
+        here = scalar(values[place])
         made = site.select(site.call("lt", at, site.constant(place + 0.5)), here, made)
     return made
 
