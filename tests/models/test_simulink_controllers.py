@@ -113,7 +113,7 @@ def test_the_signal_that_is_tracked_may_come_from_the_output(tmp_path):
 
 def test_a_controller_is_reset_and_its_integral_limited(tmp_path):
     drawn = drawn_as(2, ExternalReset="rising", InitialConditionForIntegrator="0.5", InitialConditionForFilter="-0.2",
-                     LimitIntegratorOutput="on", UpperIntegratorSaturationLimit="0.8",
+                     LimitIntegrator="on", UpperIntegratorSaturationLimit="0.8",
                      LowerIntegratorSaturationLimit="-0.8")  # fmt: skip
     found = run(imported(drawn, tmp_path), {"u1": E, "u2": RESET})["y1"]
     expected = simulated(E, reset=RESET, start=(0.5, -0.2), within=(-0.8, 0.8))

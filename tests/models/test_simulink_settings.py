@@ -22,6 +22,7 @@ REFUSED = [
     ("DiscreteFir", {"FilterStructure": "Direct form transposed", "InitialStates": "1"}, "have initial values"),
     ("DataTypeConversion", {"OutDataTypeStr": "fixdt(0,16,13)", **STORED}, "it takes a number by its stored bits"),
     ("DataTypeConversion", {"OutDataTypeStr": "uint16", **STORED}, "it takes a number by its stored bits"),
+    ("Saturate", {"UpperLimitSource": "Input port"}, "its limits are inputs"),
 ]
 
 
@@ -78,6 +79,17 @@ def test_stored_bits_of_whole_numbers_are_the_numbers(tmp_path):
     np.testing.assert_array_equal(run(imported(drawn, tmp_path), {"u": [0.0, 7.0]})["y"], [0, 7])
 
 
+def test_a_ramp_of_an_older_file_begins_at_x0(tmp_path):
+    found = run(imported(alone("Reference", 0, special="Ramp", slope="2", start="0.1", X0="-10"), tmp_path), samples=4)
+    np.testing.assert_allclose(found["y1"], [-10, -10, -9.8, -9.6], atol=1e-12)
+
+
+def test_a_controller_with_an_input_for_its_derivative_is_refused(tmp_path):
+    given = {"TimeDomain": "Discrete-time", "UseExternalDerivativeSource": "on"}
+    with pytest.raises(InputError, match="UseExternalDerivativeSource is 'on'"):
+        imported(alone("Reference", 2, special="PID 1dof", **given), tmp_path)
+
+
 @pytest.mark.parametrize("kind", ["DiscreteFilter", "DiscreteTransferFcn"])
 def test_the_states_of_a_filter_are_those_behind_its_leading_coefficient(kind, tmp_path):
     b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
@@ -115,3 +127,64 @@ def test_elements_of_a_data_store_are_refused(tmp_path):
     drawn.line("R", "y")
     with pytest.raises(InputError, match="R: it takes elements of its data store"):
         imported(drawn, tmp_path)
+
+
+@pytest.mark.parametrize(("own", "expected"), [("[]", 7.0), ("9", 9.0)])
+def test_a_merge_begins_with_its_own_value_or_that_of_the_outputs_before_it(own, expected, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("If", "If", ports=(1, 1), IfExpression="u1 > 0", ShowElse="off")
+    drawn.block("Merge", "M", ports=(1, 1), Inputs="1", InitialOutput=own)
+    inner = drawn.subsystem("A")
+    inner.block("ActionPort", "P")
+    inner.block("Constant", "C", Value="3")
+    inner.outport("y", InitialOutput="start")
+    inner.chain("C", "y")
+    drawn.line("u", "If")
+    drawn.line("If:1", "A#ifaction")
+    drawn.line("A", "M:1")
+    drawn.outport("y")
+    drawn.line("M", "y")
+    model = imported(drawn, tmp_path, parameters=[{"start": 7.0}])
+    found = run(model, {"u": [-1.0, 0.0, 1.0, -1.0]})["y"]
+    np.testing.assert_array_equal(found, [expected, expected, 3, 3])
+
+
+@pytest.mark.parametrize(("last", "highest"), [("off", 2.0), ("on", 4.0)])
+def test_a_flat_table_behind_a_prelookup_goes_by_the_cell_alone(last, highest, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("PreLookup", "P", ports=(1, 2), BreakpointsData="[0 1 3]", ExtrapMethod="Clip", UseLastBreakpoint=last)
+    drawn.block("Interpolation_n-D", "T", ports=(2, 1), NumberOfTableDimensions="1", Table="[1 2 4]",
+                InterpMethod="Flat", ValidIndexMayReachLast=last)  # fmt: skip
+    drawn.outport("y")
+    drawn.line("u", "P")
+    drawn.line("P:1", "T:1")
+    drawn.line("P:2", "T:2")
+    drawn.line("T", "y")
+    found = run(imported(drawn, tmp_path), {"u": [-1.0, 0.5, 1.0, 2.9, 3.0, 9.0]})["y"]
+    np.testing.assert_array_equal(found, [1, 1, 2, 2, highest, highest])
+
+
+@pytest.mark.parametrize("option", ["Row vector (2-D)", "Column vector (2-D)"])
+def test_rows_behind_each_other_are_a_row(option, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", PortDimensions="2")
+    drawn.block("Reshape", "R", ports=(1, 1), OutputDimensionality=option)
+    drawn.block("Concatenate", "C", ports=(2, 1), Mode="Vector")
+    drawn.block("Constant", "K", ports=(0, 1), Value="reshape(1:16, 4, 4)")
+    row = option.startswith("Row")
+    drawn.block("Product", "P", ports=(2, 1), Multiplication="Matrix(*)")
+    drawn.block(
+        "Sum", "S", ports=(1, 1), Inputs="+", CollapseMode="Specified dimension", CollapseDim="1" if row else "2"
+    )
+    drawn.outport("y")
+    drawn.line("u", "R")
+    drawn.line("R", "C:1", "C:2")
+    drawn.line("C", "P:1" if row else "P:2")
+    drawn.line("K", "P:2" if row else "P:1")
+    drawn.chain("P", "S", "y")
+    found = run(imported(drawn, tmp_path), {"u[1]": [1.0], "u[2]": [5.0]})
+    K, x = np.arange(1.0, 17.0).reshape(4, 4, order="F"), np.array([1.0, 5.0, 1.0, 5.0])
+    expected = x @ K if row else K @ x
+    np.testing.assert_allclose([value[0] for name, value in found.items() if name.startswith("y")], expected)

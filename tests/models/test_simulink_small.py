@@ -150,12 +150,13 @@ def test_a_block_of_the_library_goes_by_its_name_where_its_type_is_not_known(tmp
     np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], np.radians(U))
 
 
-def test_a_subsystem_whose_mask_is_called_like_a_block_of_the_library_is_looked_into(tmp_path):
+@pytest.mark.parametrize("called", ["Degrees to Radians", "Integrator", "Gain", "Switch", "Control"])
+def test_a_subsystem_whose_mask_is_called_like_a_block_is_looked_into(called, tmp_path):
     from simulink_files import Mask
 
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
-    inner = drawn.subsystem("S", mask=Mask({"k": "5"}, type="Degrees to Radians"))
+    inner = drawn.subsystem("S", mask=Mask({"k": "5"}, type=called))
     inner.inport("x")
     inner.block("Gain", "G", Gain="k")
     inner.outport("z")

@@ -272,8 +272,7 @@ def polynomial(site: Site) -> Wired:
     """A polynomial by its coefficients, the highest power first."""
     u, coefficients = site.input(), site.parameter("Coefs")
     made: Signal | None = None
-    for node in coefficients.flat:
-        term = Signal(np.array([node], dtype=np.int64), coefficients.period)
+    for term in coefficients.elements:
         made = term if made is None else site.call("add", site.call("mul", made, u), term)
     if made is None:
         raise UnsupportedError("it has no coefficients")

@@ -33,12 +33,8 @@ def bitwise_operator(site: Site) -> Wired:
     if site.on("UseBitMask"):
         made = _with_mask(site, op, inputs[0], site.numbers("BitMask"))
     else:
-        made = _folded(site, op, inputs if len(inputs) > 1 else _elements(inputs[0]))
+        made = _folded(site, op, inputs if len(inputs) > 1 else inputs[0].elements)
     return made if word is None else _complement(site, made, word)
-
-
-def _elements(x: Signal) -> list[Signal]:
-    return [Signal(np.array([node], dtype=np.int64), x.period) for node in x.flat]
 
 
 def _word(site: Site) -> Word:
@@ -64,7 +60,7 @@ def _with_mask(site: Site, op: str, x: Signal, mask: np.ndarray) -> Signal:
     masks = [_whole(float(one)) for one in mask.ravel(order="F")]
     if len(masks) not in (1, x.size) and x.size != 1:
         raise UnsupportedError(f"it has {len(masks)} masks for {x.size} elements")
-    elements = _elements(x) * (len(masks) if x.size == 1 else 1)
+    elements = x.elements * (len(masks) if x.size == 1 else 1)
     masks = masks * (len(elements) if len(masks) == 1 else 1)
     made = [_masked(site, op, one, mask).flat[0] for one, mask in zip(elements, masks, strict=True)]
     shape = x.shape if len(made) == x.size else (len(made),)
@@ -124,7 +120,7 @@ def _folded(site: Site, op: str, parts: list[Signal]) -> Signal:
     made = parts[0]
     for part in parts[1:]:
         a, b = site.spread(made, part)
-        nodes = [_paired(site, op, x, y).flat[0] for x, y in zip(_elements(a), _elements(b), strict=True)]
+        nodes = [_paired(site, op, x, y).flat[0] for x, y in zip(a.elements, b.elements, strict=True)]
         period = fastest([a.period, b.period])
         made = Signal(np.array(nodes, dtype=np.int64).reshape(a.shape, order="F"), period)
     return made

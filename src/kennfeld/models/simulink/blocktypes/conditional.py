@@ -1,12 +1,14 @@
 """Subsystems that do not run in every step, and what decides and joins them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.places import cases_of
 from kennfeld.models.simulink.expressions.arrays import fold
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import Bus, OpenBus, Signal, Wired, fastest
+from kennfeld.models.simulink.expressions.signals import Bus, OpenBus, Signal, Wired, fastest, scalar
 from kennfeld.models.simulink.flattening.atoms import Source, resets
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site, resized
@@ -21,7 +23,7 @@ def control(site: Site) -> tuple[Wired, ...]:
     conditions = {port: _condition(site, port, site.input(list(site.atom.special).index(port))) for port in ports}
     outer = site.weaver.gates.active(site.atom)
     if outer is not None:
-        conditions["outer"] = Signal(np.array([outer], dtype=np.int64))
+        conditions["outer"] = scalar(outer)
     active = _all(site, list(conditions.values()))
     if "trigger" not in conditions:
         return active, restart(site, active)
@@ -39,7 +41,7 @@ def restart(site: Site, active: Signal, triggered: Signal | None = None) -> Sign
     Whether a subsystem with a trigger is enabled is only seen where it is `triggered`.
     """
     around = site.weaver.gates.restart(site.atom)
-    events = [] if around is None else [Signal(np.array([around], dtype=np.int64))]
+    events = [] if around is None else [scalar(around)]
     if resets(site.atom):
         events.append(_enabled_again(site, active, triggered))
     if "reset" in site.atom.special:
@@ -93,7 +95,7 @@ def _held(site: Site, wired: Wired) -> Wired:
     active = site.weaver.gates.active(site.atom)
     if active is None:
         return wired
-    runs = Signal(np.array([active], dtype=np.int64), wired.period)
+    runs = scalar(active, wired.period)
     init = Signal(resized(init.nodes, wired.shape))
     control_of = site.atom.control
     resettable = control_of is not None and "trigger" not in control_of.special
@@ -109,8 +111,7 @@ def _held(site: Site, wired: Wired) -> Wired:
 def merge(site: Site) -> Wired:
     """The output of the subsystem that ran last; of several that run in a step, of the last one."""
     sources = [source for source in site.atom.inputs if source is not None]
-    text = site.text("InitialOutput")
-    init = site.constant(0.0) if text in ("[]", "") else site.parameter("InitialOutput")
+    init = _merged_initially(site, sources)
     return _merged(site, init, [_runs(site, source) for source in sources], [site.weaver.value(s) for s in sources])
 
 
@@ -133,6 +134,15 @@ def _last(site: Site, init: Signal, running: list[Signal], signals: list[Signal]
         y = site.select(runs, signal, y)
     made.append(y)
     return y
+
+
+def _merged_initially(site: Site, sources: Sequence[Source]) -> Signal:
+    """What a Merge begins with: its own initial output, else the last one that the outputs before it state."""
+    stating = [site, *(site.weaver.site(source.atom) for source in reversed(sources) if source.atom.kind == "Held")]
+    for one in stating:
+        if one.text("InitialOutput") not in ("[]", ""):
+            return one.parameter("InitialOutput")
+    return site.constant(0.0)
 
 
 def _runs(site: Site, source: Source) -> Signal:

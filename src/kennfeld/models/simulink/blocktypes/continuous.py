@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from kennfeld.models.simulink.expressions.arrays import fold
-from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired
+from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, scalar
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
 
@@ -82,7 +82,7 @@ def rational(site: Site, numerator: list[int], denominator: list[int]) -> Signal
     b = [scaled(site, node, denominator[0]) for node in _padded(site, numerator, order + 1)]
     a = [scaled(site, node, denominator[0]) for node in denominator[1:]]
     if order == 0:
-        return site.call("mul", _one(b[0]), site.input())
+        return site.call("mul", scalar(b[0]), site.input())
     A = np.full((order, order), site.loom.const(0.0), dtype=np.int64)
     A[0, :] = [site.loom.call("neg", node) for node in a]
     for row in range(1, order):
@@ -113,10 +113,6 @@ def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
 def scaled(site: Site, node: int, lead: int) -> int:
     """A coefficient over the leading one; one that is 0 stays 0 whatever that is."""
     return node if site.loom.value(node) == 0 else site.loom.call("div", node, lead)
-
-
-def _one(node: int) -> Signal:
-    return Signal(np.array([node], dtype=np.int64))
 
 
 @block("StateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
@@ -169,5 +165,4 @@ def derivative(site: Site) -> Wired:
     """The change of the input since the major step before over the time between; 0 at first."""
     u = site.discrete(site.input())
     before = site.remember(u, lambda _: u)
-    dt = Signal(np.array([site.loom.input("dt")], dtype=np.int64))
-    return site.call("div", site.call("sub", u, before), dt)
+    return site.call("div", site.call("sub", u, before), site.major_step)

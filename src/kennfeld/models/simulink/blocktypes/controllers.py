@@ -7,8 +7,6 @@ keeps the integral from winding up at them, resets, and the tracking of another 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal, resetting
 from kennfeld.models.simulink.expressions.signals import Signal, Wired
 from kennfeld.models.simulink.files.tree import Block
@@ -22,14 +20,15 @@ _DEFAULTS = {
     "InitialConditionForIntegrator": "0", "InitialConditionForFilter": "0", "DifferentiatorICPrevScaledInput": "0",
     "ExternalReset": "none", "InitialConditionSource": "internal", "TrackingMode": "off", "Kt": "1", "Kb": "1",
     "ControllerParametersSource": "internal", "LimitOutput": "off", "SatLimitsSource": "internal",
-    "LimitIntegratorOutput": "off", "AntiWindupMode": "none", "UpperSaturationLimit": "inf",
+    "LimitIntegrator": "off", "AntiWindupMode": "none", "UpperSaturationLimit": "inf",
     "LowerSaturationLimit": "-inf", "UpperIntegratorSaturationLimit": "inf", "LowerIntegratorSaturationLimit": "-inf",
-    "InitialConditionSetting": "Auto", "UseExternalTs": "off", "UseKiTs": "off",
+    "InitialConditionSetting": "Auto", "UseExternalTs": "off", "UseKiTs": "off", "UseExternalDerivativeSource": "off",
 }  # fmt: skip
 _PLAIN = {
     "SatLimitsSource": ("internal",),
     "UseExternalTs": ("off",),
     "UseKiTs": ("off",),
+    "UseExternalDerivativeSource": ("off",),
     "AntiWindupMode": ("none", "back-calculation", "clamping"),
     "InitialConditionSetting": ("Auto", "State (most efficient)", "State"),
 }
@@ -138,7 +137,7 @@ class _Controller:
     def _integral(self) -> Signal:
         site, init = self.site, self._initial("I0", "InitialConditionForIntegrator")
         limits = None
-        if site.on("LimitIntegratorOutput"):
+        if site.on("LimitIntegrator"):
             limits = tuple(site.parameter(f"{side}IntegratorSaturationLimit") for side in ("Lower", "Upper"))
         if self.is_continuous:
             x = site.integrate(init, lambda _: self._integrand(), self._reset(), limits)  # type: ignore[arg-type]
@@ -267,7 +266,7 @@ def old_pid(site: Site) -> Wired:
     e = site.input()
     u = site.discrete(e)
     change = site.call("sub", u, site.remember(u, lambda _: u))
-    return _old_sum(site, e, site.call("mul", site.parameter("D"), site.call("div", change, _major_step(site))))
+    return _old_sum(site, e, site.call("mul", site.parameter("D"), site.call("div", change, site.major_step)))
 
 
 @block("PID Controller (with Approximate Derivative)", linked=True, P="1", I="1", D="0", N="100")
@@ -282,7 +281,3 @@ def _old_sum(site: Site, e: Signal, derivative: Signal) -> Signal:
     scaled = site.call("mul", site.parameter("I"), e)
     integral = site.integrate(site.constant(0.0), lambda _: scaled, None, None)
     return site.fold("add", [site.call("mul", site.parameter("P"), e), integral, derivative])
-
-
-def _major_step(site: Site) -> Signal:
-    return Signal(np.array([site.loom.input("dt")], dtype=np.int64))

@@ -85,7 +85,7 @@ def _first(init: Signal, steps: int) -> list[Signal]:
         return [init] * steps
     if init.size != steps:
         raise UnsupportedError(f"it has {init.size} initial values for a delay of {steps} steps")
-    return [Signal(np.array([node], dtype=np.int64), init.period) for node in reversed(init.flat)]
+    return init.elements[::-1]
 
 
 def _taps(site: Site, init: Signal, steps: int, runs: Signal | None, anew: Signal | None) -> list[Signal]:

@@ -90,7 +90,7 @@ def _past(site: Site, time: Signal, late: list[Signal], first: int) -> Signal:
 
     Below the first one the line through the next two goes on; beyond the last one it stays.
     """
-    steps = site.call("div", time, Signal(np.array([site.loom.input("dt")], dtype=np.int64)))
+    steps = site.call("div", time, site.major_step)
     made = late[-1]
     for at in range(len(late) - 1, 0, -1):
         share = site.call("sub", steps, site.constant(float(first + at - 1)))
@@ -107,8 +107,7 @@ def _passed(site: Site, time: Signal, late: list[Signal], init: Signal) -> Signa
     before = site.remember(zero, lambda _: made[0])
     rate_before = site.remember(rate, lambda _: rate)
     begun = site.remember(zero, lambda _: one)
-    dt = Signal(np.array([site.loom.input("dt")], dtype=np.int64))
-    moved = site.call("mul", site.call("mul", site.constant(0.5), dt), site.call("add", rate, rate_before))
+    moved = site.call("mul", site.call("mul", site.constant(0.5), site.major_step), site.call("add", rate, rate_before))
     made.append(site.select(begun, site.call("add", before, moved), zero))
     way = [site.remember(zero, lambda _: made[0], at) for at in range(1, len(late) + 1)]
     entered = site.call("sub", made[0], one)

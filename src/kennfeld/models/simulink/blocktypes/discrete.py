@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from kennfeld.models.simulink.blocktypes.continuous import (
     applied,
     matrices,
@@ -13,7 +11,7 @@ from kennfeld.models.simulink.blocktypes.continuous import (
     scaled,
     with_saturation,
 )
-from kennfeld.models.simulink.expressions.signals import Signal, Wired
+from kennfeld.models.simulink.expressions.signals import CONSTANT, Signal, Wired, scalar
 from kennfeld.models.simulink.flattening.atoms import is_triggered
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
 from kennfeld.models.simulink.weaving.site import Site, Then
@@ -218,7 +216,7 @@ def direct_form(site: Site, b: list[int], a: list[int], inits: Signal, anew: Sig
     if inits.size not in (1, order) and order:
         raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")
     starts = [site.loom.call("mul", lead, node) for node in inits.flat]
-    first = [Signal(np.array([node], dtype=np.int64)) for node in starts] * (order if inits.size == 1 else 1)
+    first = [scalar(node) for node in starts] * (order if inits.size == 1 else 1)
     made: list[Signal] = []
     states: list[Signal] = []
 
@@ -229,21 +227,17 @@ def direct_form(site: Site, b: list[int], a: list[int], inits: Signal, anew: Sig
         if not made:
             w = site.discrete(site.input())
             for node, state in zip(a[1:], states, strict=True):
-                w = site.call("sub", w, site.call("mul", _single(node), state))
+                w = site.call("sub", w, site.call("mul", scalar(node, CONSTANT), state))
             made.append(w)
         return made[0]
 
     states += [site.remember(first[at], following(at)) for at in range(order)]
     if anew is not None:
         states[:] = [site.select(anew, one, state) for one, state in zip(first, states, strict=True)]
-    terms = [site.call("mul", _single(node), state) for node, state in zip(b[1:], states, strict=True)]
+    terms = [site.call("mul", scalar(node, CONSTANT), state) for node, state in zip(b[1:], states, strict=True)]
     if site.loom.value(b[0]) != 0:
-        terms.insert(0, site.call("mul", _single(b[0]), current()))
+        terms.insert(0, site.call("mul", scalar(b[0], CONSTANT), current()))
     return site.fold("add", terms) if terms else site.constant(0.0)
-
-
-def _single(node: int) -> Signal:
-    return Signal(np.array([node], dtype=np.int64), np.inf)
 
 
 @block("DiscreteStateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",

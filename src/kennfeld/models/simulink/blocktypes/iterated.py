@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.conditional import restart
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import Bus, Signal, Wired, fastest
+from kennfeld.models.simulink.expressions.signals import Bus, Signal, Wired, fastest, scalar
 from kennfeld.models.simulink.files.ports import port_number
 from kennfeld.models.simulink.files.tree import Block, joined, split
 from kennfeld.models.simulink.flattening.atoms import Source
@@ -73,7 +73,7 @@ def iteration(site: Site) -> tuple[Wired, ...]:
     if site.atom.passes[-1] > 1 and isinstance(said, Signal):
         active = site.call("and", said, active)
     elif outer is not None:
-        active = site.call("and", Signal(np.array([outer], dtype=np.int64)), active)
+        active = site.call("and", scalar(outer), active)
     return active, restart(site, active)
 
 

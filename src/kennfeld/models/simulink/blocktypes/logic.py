@@ -38,9 +38,7 @@ def logic(site: Site) -> Wired:
         return site.call("not", site.input())
     inputs = site.inputs
     if len(inputs) == 1:
-        inputs = [
-            Signal(inputs[0].nodes.ravel(order="F")[at : at + 1], inputs[0].period) for at in range(inputs[0].size)
-        ]
+        inputs = inputs[0].elements
     truths = [site.call("ne", one, site.constant(0.0)) for one in inputs]
     made = site.fold({"AND": "and", "NAND": "and", "OR": "or", "NOR": "or"}.get(operator, "ne"), truths)
     return site.call("not", made) if operator in ("NAND", "NOR", "NXOR") else made

@@ -2,13 +2,16 @@
 
 from kennfeld.models.simulink.expressions.signals import CONTINUOUS, Signal, Wired
 from kennfeld.models.simulink.files.tree import Block
-from kennfeld.models.simulink.weaving.registry import block
+from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
 
 
-@block("Saturate", UpperLimit="0.5", LowerLimit="-0.5", SampleTime="-1")
+@block("Saturate", UpperLimit="0.5", LowerLimit="-0.5", UpperLimitSource="Dialog", LowerLimitSource="Dialog",
+       SampleTime="-1")  # fmt: skip
 def saturate(site: Site) -> Wired:
     """The input within limits."""
+    if "Input port" in (site.text("UpperLimitSource"), site.text("LowerLimitSource")):
+        raise UnsupportedError("its limits are inputs", "Put a Saturation Dynamic in its place.")
     return site.clip(site.input(), site.parameter("LowerLimit"), site.parameter("UpperLimit"))
 
 

@@ -49,8 +49,7 @@ def _cell(site: Site, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
 def _breakpoints(site: Site) -> list[Signal]:
     """The breakpoints, which may come from an input."""
     if site.chosen("BreakpointsDataSource", "Dialog", "Input port") == "Input port":
-        given = site.input(1)
-        found = [Signal(np.array([node], dtype=np.int64), given.period) for node in given.flat]
+        found = site.input(1).elements
     else:
         points = _points(site)
         if not np.all(np.diff(points) > 0):
@@ -75,7 +74,8 @@ def _points(site: Site) -> Array:
 def interpolation(site: Site) -> Wired:
     """A table at cells and fractions: the table of the prelookups' breakpoints where they come from such blocks.
 
-    Of others, the axes are the numbers of the breakpoints. The last dimensions may be chosen by number alone.
+    Of others, the axes are the numbers of the breakpoints. The last dimensions may be chosen by number alone. The flat
+    method looks at the cell alone.
     """
     site.chosen("TableSource", "Dialog")
     site.chosen("TableSpecification", "Explicit values")
@@ -90,22 +90,22 @@ def interpolation(site: Site) -> Wired:
     shape = shape_of(site, "Table", count)
     places, port = [], 0
     for _ in range(count - chosen):
-        place, port = _place(site, port)
-        places.append(place)
+        index, fraction, port = _cell_at(site, port)
+        places.append(index if method.between == "flat" else site.call("add", index, fraction))
     places += [_within(site, site.input(port + at), shape[count - chosen + at]) for at in range(chosen)]
     return looked_up(site, "Table", numbered(site, "Table", shape), places, method)
 
 
-def _place(site: Site, port: int) -> tuple[Signal, int]:
-    """Where along a dimension, of the inputs from a port on, and the port behind them."""
+def _cell_at(site: Site, port: int) -> tuple[Signal, Signal, int]:
+    """The cell along a dimension and the fraction within it, of the inputs from a port on, and the port behind them."""
     if not site.on("RequireIndexFractionAsBus"):
-        return site.call("add", site.input(port), site.input(port + 1)), port + 2
+        return site.input(port), site.input(port + 1), port + 2
     wired = site.wired(port)
     parts = list(wired.members.values()) if isinstance(wired, Bus) else []
     if len(parts) != 2 or not all(isinstance(part, Signal) for part in parts):
         raise UnsupportedError(f"its input {port + 1} is no bus of an index and a fraction")
     index, fraction = (part for part in parts if isinstance(part, Signal))
-    return site.call("add", index, fraction), port + 1
+    return index, fraction, port + 1
 
 
 def _within(site: Site, number: Signal, size: int) -> Signal:

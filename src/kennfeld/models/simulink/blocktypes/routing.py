@@ -1,6 +1,7 @@
 """Signals put together, taken apart and passed on."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -198,13 +199,26 @@ def concatenate(site: Site) -> Wired:
     inputs = site.inputs
     period = fastest([one.period for one in inputs])
     if site.chosen("Mode", "Vector", "Multidimensional array") == "Vector":
-        return Signal(np.array([node for one in inputs for node in one.flat], dtype=np.int64), period)
+        return Signal(_joined(inputs), period)
     axis = site.whole("ConcatenateDimension", 1, 2) - 1
     parts = [one.nodes if one.nodes.ndim == 2 else one.nodes.reshape(-1, 1) for one in inputs]
     try:
         return Signal(np.concatenate(parts, axis=axis), period)
     except ValueError:
         raise UnsupportedError(f"its inputs of the sizes {[p.shape for p in parts]} do not fit each other") from None
+
+
+def _joined(inputs: Sequence[Signal]) -> Nodes:
+    """The elements of vectors behind each other; a row or a column where one of them is."""
+    made = np.array([node for one in inputs for node in one.flat], dtype=np.int64)
+    shapes = {one.shape for one in inputs if one.nodes.ndim == 2 and one.size > 1}
+    if not shapes:
+        return made
+    if all(rows == 1 for rows, _ in shapes):
+        return made.reshape(1, -1)
+    if all(columns == 1 for _, columns in shapes):
+        return made.reshape(-1, 1)
+    raise UnsupportedError(f"it puts vectors together, and its inputs have the sizes {[one.shape for one in inputs]}")
 
 
 @block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
@@ -324,8 +338,7 @@ def multiport_switch(site: Site) -> Wired:
     index = Signal(towards_zero(site.loom, index.nodes), index.period)
     data = [site.wired(at) for at in range(1, site.count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
-        only = data[0]
-        data = [Signal(np.array([node], dtype=np.int64), only.period) for node in only.flat]
+        data = list(data[0].elements)
     if not data:
         raise UnsupportedError("it has no data port")
     if order == "Specify indices":

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from kennfeld.models.simulink.expressions.signals import Signal, Wired
 from kennfeld.models.simulink.flattening.atoms import is_triggered
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
@@ -19,8 +17,8 @@ def combinatorial_logic(site: Site) -> Wired:
     if table.shape[0] != 2**u.size or table.shape[0] > _MOST_ROWS:
         raise UnsupportedError(f"a table of {table.shape[0]} rows does not fit {u.size} inputs")
     row = site.constant(0.0)
-    for node in u.flat:
-        bit = site.call("ne", Signal(np.array([node], dtype=np.int64), u.period), site.constant(0.0))
+    for element in u.elements:
+        bit = site.call("ne", element, site.constant(0.0))
         row = site.call("add", site.call("mul", site.constant(2.0), row), bit)
     made = Signal(table[-1], u.period)
     for at in reversed(range(table.shape[0] - 1)):

@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.models.simulink.expressions.expressions import Expressions
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Signal, Wired
+from kennfeld.models.simulink.expressions.signals import CONSTANT, Signal, Wired, scalar
 from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.weaving.registry import KINDS, UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
@@ -57,7 +57,8 @@ def ramp(site: Site) -> Wired:
     """A line that begins to rise at a time."""
     start = site.parameter("start")
     since = site.call("max", site.call("sub", site.time, start), site.constant(0.0))
-    return site.call("add", site.parameter("InitialOutput"), site.call("mul", site.parameter("slope"), since))
+    first = site.parameter("X0" if site.text("X0", "") else "InitialOutput")  # X0 in older files
+    return site.call("add", first, site.call("mul", site.parameter("slope"), since))
 
 
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
@@ -147,12 +148,12 @@ def stairs(site: Site) -> Wired:
     """Values one after the other, again and again."""
     values = site.parameter("OutValues").flat
     sample = site.number("tsamp")
-    dt = site.constant(sample) if sample > 0 else Signal(np.array([site.loom.input("dt")], dtype=np.int64), CONTINUOUS)
+    dt = site.constant(sample) if sample > 0 else site.major_step
     count = site.call("floor", site.call("add", site.call("div", site.time, dt), site.constant(1e-6)))
     at = site.call("mod", count, site.constant(float(len(values))))
-    made = Signal(np.array([values[-1]], dtype=np.int64), CONTINUOUS)
+    made = scalar(values[-1])
     for place in reversed(range(len(values) - 1)):
-        here = Signal(np.array([values[place]], dtype=np.int64), CONTINUOUS)
+        here = scalar(values[place])
         made = site.select(site.call("lt", at, site.constant(place + 0.5)), here, made)
     return made
 

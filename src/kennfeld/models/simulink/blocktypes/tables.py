@@ -104,7 +104,7 @@ def _coordinates(site: Site, count: int) -> list[Signal]:
     u = site.input()
     if u.size != count:
         raise UnsupportedError(f"its input has {u.size} elements for {count} dimensions")
-    return [Signal(np.array([node], dtype=np.int64), u.period) for node in u.flat]
+    return u.elements
 
 
 def _even(site: Site, number: int, size: int) -> Axis:
@@ -261,7 +261,7 @@ def lookup_dynamic(site: Site) -> Wired:
     x, xs, ys = (site.input(at) for at in range(3))
     if method.between != "linear" or xs.size != ys.size or xs.size < 2:
         raise UnsupportedError("only linear interpolation between two or more points is supported")
-    points = [[Signal(np.array([node], dtype=np.int64), one.period) for node in one.flat] for one in (xs, ys)]
+    points = [one.elements for one in (xs, ys)]
     made = _line(site, x, points, 0)
     for at in range(1, xs.size - 1):
         made = site.select(site.call("ge", x, points[0][at]), _line(site, x, points, at), made)

@@ -19,6 +19,7 @@ __all__ = [
     "common_shape",
     "fastest",
     "leaves",
+    "scalar",
 ]
 
 Nodes: TypeAlias = npt.NDArray[np.int64]
@@ -53,6 +54,16 @@ class Signal:
     def flat(self) -> list[int]:
         """The nodes, columns first."""
         return [int(node) for node in self.nodes.ravel(order="F")]
+
+    @property
+    def elements(self) -> "list[Signal]":
+        """The scalar signals that it is made of, columns first."""
+        return [scalar(node, self.period) for node in self.flat]
+
+
+def scalar(node: int, period: float = CONTINUOUS) -> Signal:
+    """A signal of one node."""
+    return Signal(np.array([node], dtype=np.int64), period)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,7 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {}
+_ONE_WORD = ("Difference", "DocBlock", "EnumeratedConstant", "Ramp")
 
 
 def nothing(_: Site) -> Iterable[int]:
@@ -54,8 +55,12 @@ def nothing(_: Site) -> Iterable[int]:
 
 
 def opaque() -> frozenset[str]:
-    """The types of masks that are blocks of their own and not looked into."""
-    return frozenset(name for name, kind in KINDS.items() if not kind.linked)
+    """The types of masks that are blocks of their own and not looked into.
+
+    Those of Simulink's library are several words, but for a few. A mask that is called like a block type, "Integrator",
+    is someone else's.
+    """
+    return frozenset(name for name, kind in KINDS.items() if not kind.linked and (" " in name or name in _ONE_WORD))
 
 
 def block(

@@ -19,6 +19,7 @@ from kennfeld.models.simulink.expressions.signals import (
     Wired,
     common_shape,
     fastest,
+    scalar,
 )
 from kennfeld.models.simulink.flattening.atoms import STATE, Atom
 from kennfeld.models.simulink.variables.scopes import Array
@@ -226,13 +227,18 @@ class Site:
     @property
     def time(self) -> Signal:
         """The time since the start in s."""
-        return Signal(np.array([self.loom.input("t")], dtype=np.int64), CONTINUOUS)
+        return scalar(self.loom.input("t"))
+
+    @property
+    def major_step(self) -> Signal:
+        """The length of a step of the model in s."""
+        return scalar(self.loom.input("dt"))
 
     def step(self) -> Signal:
         """The block's own sample time in s: as stated, or as inherited."""
         period = self.period()
         if period in (CONTINUOUS, CONSTANT):
-            return Signal(np.array([self.loom.input("dt")], dtype=np.int64), CONTINUOUS)
+            return self.major_step
         return self.constant(period)
 
     def period(self) -> float:
