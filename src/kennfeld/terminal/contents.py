@@ -326,7 +326,7 @@ def _simulink(file: Path, part: Part) -> Contents:
         except InputError as error:  # nothing in it can be a function
             notes = [*notes, *(str(finding) for finding in error.findings)]
         else:
-            tables, notes = [*tables, *import_tables(report)], [*notes, *import_notes(report)]
+            tables, notes = [*tables, *import_tables(report)], list(dict.fromkeys([*notes, *import_notes(report)]))
             as_json |= {"import": asdict(report) | {"whole": report.whole}}
     return Contents(model_summary(found), tables, notes, _plain(as_json))
 

@@ -45,7 +45,7 @@ class ImportReport:
     `total` counts the blocks that compute something, `supported` those that were built or could be. `substitutions` are
     sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
     `frozen` are expressions whose variables are fixed, with the reason. `subsystems` are those that can be imported by
-    themselves, where that was asked for.
+    themselves, where that was asked for. `stopped` is what keeps the blocks from being built at all.
     """
 
     total: int
@@ -59,18 +59,19 @@ class ImportReport:
     solver: str
     step: float | None
     subsystems: tuple[Importable, ...] = ()
+    stopped: tuple[Finding, ...] = ()
 
     @property
     def whole(self) -> bool:
         """Whether all outputs could be built."""
-        return not self.loops and not any(one.stops for one in self.unsupported)
+        return not self.stopped and not self.loops and not any(one.stops for one in self.unsupported)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What keeps the outputs from being built; variables without a value first, each once."""
         valueless = (_valueless(name, paths) for name, paths in self.undefined.items())
         others = (_together(several) for several in self.groups if several[0].stops)
-        return (*valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
+        return (*self.stopped, *valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
 
     @property
     def groups(self) -> tuple[tuple[Unsupported, ...], ...]:

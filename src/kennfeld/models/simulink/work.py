@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -57,14 +57,16 @@ class Work:
     ) -> None:
         self.path, self.document, self.variables = opened.path, opened.document, opened.variables
         self.cuts, self.promote, self.files = cuts, promote, opened.files
+        self.most_asked: int | None = None  # operations, where fewer shall be asked for than are possible
+        self._asked_before = 0
         self._opened, self._system, self._scope = opened, system, scope
         self.flat = self._flat({})
         self.remarks = list(opened.remarks)
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self.settings, lost = settings_of(self.document, self.variables)
-        expressions = Weaver(self.flat, Clock(None), (), self._give, Guesses()).expressions
-        stepping = Stepping(self.settings, self.flat.atoms, expressions, Scope(self.variables))
+        self._last = Weaver(self.flat, Clock(None), (), self._give, Guesses())
+        stepping = Stepping(self.settings, self.flat.atoms, self._last.expressions, Scope(self.variables))
         self.solver, self.clock = stepping.solver, stepping.clock
         self.remarks += stepping.remarks
         self.substitutions = [*([lost] if lost else []), *stepping.substitutions]
@@ -93,6 +95,22 @@ class Work:
         weaver = self.woven()
         report = self.report(weaver)
         return Imported(self._model(weaver) if report.whole else None, report)
+
+    @property
+    def asked(self) -> int:
+        """How many operations the blocks have asked for, in all attempts to build them."""
+        return self._asked_before + self._last.loom.asked
+
+    def inspected(self) -> ImportReport:
+        """The report alone, also where the blocks ask for too much, or nothing asks for them."""
+        try:
+            weaver = self.woven()
+            report = self.report(weaver)
+            if report.whole:
+                self._finish(weaver)
+        except InputError as error:
+            return replace(self.report(self._last), stopped=error.findings)
+        return report
 
     def woven(self) -> Weaver:
         """The blocks as a graph; passes whose number depends on signals are counted in a first attempt."""
@@ -138,16 +156,19 @@ class Work:
             what = "it has no outport, and nothing that records or shows a signal"
             raise InputError.of(self.path.name, what, "Import a subsystem.")
 
-        def make(guesses: Guesses) -> Weaver:
-            made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
-            made.files = self.files
-            made.declared.whole = self.variables
-            return made
-
         try:
-            return settled(make, goals)
+            return settled(self._weaver, goals)
         except TooLargeError as error:
             raise InputError.of(f"{self.path.name} {error.place}".rstrip(), error.what, error.mend) from None
+
+    def _weaver(self, guesses: Guesses) -> Weaver:
+        self._asked_before = self.asked
+        made = self._last = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+        made.files = self.files
+        made.declared.whole = self.variables
+        if self.most_asked is not None:
+            made.loom.most = max(self.most_asked - self.asked, 0)
+        return made
 
     def _stops(self, weaver: Weaver) -> bool:
         return bool(weaver.failures or weaver.visits.loops)
@@ -188,11 +209,14 @@ class Work:
             dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
         )  # fmt: skip
 
-    def _model(self, weaver: Weaver) -> Model:
+    def _finish(self, weaver: Weaver) -> None:
         try:
             weaver.finish(self.solver)
         except TooLargeError as error:
             raise InputError.of(f"{self.path.name} {self.solver}", error.what, error.mend) from None
+
+    def _model(self, weaver: Weaver) -> Model:
+        self._finish(weaver)
         names = Names(weaver, self.flat)
         builder, number = _plain(weaver)
         visible = {name: number[at] for name, at in names.visible.items()}
