@@ -156,7 +156,7 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     """A variable with the value of a parameter; what is known of it stays, where the parameter says nothing else."""
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
-    if known is not None and isinstance(known.value, np.ndarray) and known.value.size == value.size:
+    if known is not None and isinstance(known.value, np.ndarray) and _long(known.value) == _long(value):
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Array = known.lower if known is not None else -np.inf
@@ -164,3 +164,8 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     if parameter.limited:
         lower, upper = (np.reshape(bound, value.shape) for bound in (parameter.lower, parameter.upper))
     return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
+
+
+def _long(values: Array) -> list[int]:
+    """The sizes along the dimensions that have more than one element: those of a row are those of a column."""
+    return [size for size in values.shape if size != 1]
