@@ -69,7 +69,7 @@ class _Search:
             block, scope = waiting.pop()
             if block.system is None or not _is_plain(block):
                 continue
-            inside = self.opened.models.get(block.model) or scope.within(block)
+            inside = scope.inside(block, self.opened.models)
             one = None if split(block.path)[self.depth :] in self.bad else self._tried(block, inside)
             if one is None:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
