@@ -211,10 +211,10 @@ def plain(value: Any) -> Value | None:
         parts = {str(key): plain(part) for key, part in value.items()}
         return {key: part for key, part in parts.items() if part is not None}
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = None if value is None or np.iscomplexobj(value) else np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         return _several(value)
-    return np.atleast_1d(array)
+    return np.atleast_1d(array) if array is not None else None
 
 
 def _several(value: Any) -> Value | None:

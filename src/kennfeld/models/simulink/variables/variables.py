@@ -53,7 +53,12 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
 
 
 def _plain(given: Mapping[str, object]) -> dict[str, Value]:
+    """Values that are given by name; raises `InputError` with each that is of no use."""
     values = {name: plain(value) for name, value in given.items()}
+    wrong = [name for name, value in values.items() if value is None]
+    if wrong:
+        mend = "Give numbers, texts, lists or dictionaries of them; parameters in a ParameterSet."
+        raise InputError([Finding("parameters", f"{name}={given[name]!r:.60} is no value", mend) for name in wrong])
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -61,7 +66,7 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
     """Take the variables of a file; a calibration file's values are returned."""
     ending = path.suffix.casefold()
     if ending == ".sldd":
-        _dictionary(found, path)
+        _entries(found, path)
     elif ending == ".mat":
         _add(found, mat_variables(_bytes(path)), path.name)
     elif ending == ".m":
@@ -81,13 +86,18 @@ def _bytes(path: Path) -> bytes:
 
 
 def _dictionary(found: Variables, path: Path) -> None:
+    """Take the variables of the model's own dictionary; what is wrong with it is a finding."""
     try:
-        read = read_dictionary(path)
-        _add(found, read.data, path.name)
-        found.solvers.update(read.solvers)
-        found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
+        _entries(found, path)
     except InputError as error:
         found.findings += error.findings
+
+
+def _entries(found: Variables, path: Path) -> None:
+    read = read_dictionary(path)
+    _add(found, read.data, path.name)
+    found.solvers.update(read.solvers)
+    found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
 
 
 _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
