@@ -56,6 +56,17 @@ def test_old_and_new_versions_are_read_alike(tmp_path):
     assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
+def test_cells_and_struct_arrays_within_each_other_are_read_from_the_newest_version(tmp_path):
+    save73(tmp_path / "a.mat", {"c": ((1.0, ("two", 3.0)), [{"a": (4.0, "5")}, {"a": 6.0}]), "d": (7.0,)})
+    found = variables_of((tmp_path / "a.mat").read_bytes(), "a.mat")
+    first, second = found["c"].values.ravel()
+    assert first.values[0, 0].item() == 1.0
+    assert [text(first.values[0, 1].values[0, 0]), first.values[0, 1].values[0, 1].item()] == ["two", 3.0]
+    inner, last = (element["a"] for element in second.elements.ravel())
+    assert [inner.values[0, 0].item(), text(inner.values[0, 1]), last.item()] == [4.0, "5", 6.0]
+    assert found["d"].values.item().item() == 7.0
+
+
 def test_a_script_loads_a_data_file():
     files = {"a.mat": saved(PLAIN)}
     outcome = run_script("load a.mat\nL = M(2, :)*K + double(small(1));", "init.m", files=files.get)

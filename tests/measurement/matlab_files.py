@@ -10,7 +10,7 @@ _CLASSES = {"f8": "double", "f4": "single", "b1": "logical", "i4": "int32", "u1"
 
 
 def save73(path, variables):
-    """A file of version 7.3: dicts become structs, lists of dicts struct arrays, tuples cell arrays."""
+    """A file of version 7.3: dicts become structs, lists of dicts struct arrays, tuples cell arrays, at any depth."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in variables.items():
             _write(file, name, value)
@@ -19,45 +19,63 @@ def save73(path, variables):
 
 
 def _write(group, name, value):
+    """Write a value as a member of a group."""
     if isinstance(value, dict):
-        made = group.create_group(name)
-        made.attrs["MATLAB_class"] = np.bytes_("struct")
-        for field, inner in value.items():
-            _write(made, field, inner)
+        _write_struct(group, name, value)
     elif isinstance(value, list):
-        made = group.create_group(name)
-        made.attrs["MATLAB_class"] = np.bytes_("struct")
-        for field in value[0]:
-            made[field] = _references(group.file, [element[field] for element in value])
+        _write_structs(group, name, value)
     elif isinstance(value, tuple):
-        group[name] = _references(group.file, value)
-        group[name].attrs["MATLAB_class"] = np.bytes_("cell")
+        _write_cells(group, name, value)
     else:
         _write_array(group, name, value)
 
 
-def _references(file, values):
-    """The references of values that stand in a group of their own."""
-    store = file.require_group("#refs#")
+def _write_struct(group, name, fields):
+    made = group.create_group(name)
+    _call(made, "struct")
+    for field, value in fields.items():
+        _write(made, field, value)
+
+
+def _write_structs(group, name, elements):
+    made = group.create_group(name)
+    _call(made, "struct")
+    for field in elements[0]:
+        made[field] = _references(made, field, [element[field] for element in elements])
+
+
+def _write_cells(group, name, cells):
+    group[name] = _references(group, name, cells)
+    _call(group[name], "cell")
+
+
+def _call(item, kind):
+    """Name the class of a member."""
+    item.attrs["MATLAB_class"] = np.bytes_(kind)
+
+
+def _references(group, name, values):
+    """The references of values that stand in a group of their own, each called by its place in the file."""
+    store = group.file.require_group("#refs#")
+    owner = f"{group.name}/{name}".replace("/", ".")
     found = []
-    for value in values:
-        name = f"r{len(store)}"
-        _write(store, name, value)
-        found.append(store[name].ref)
-    return np.array(found, dtype=h5py.ref_dtype).reshape(1, -1)
+    for number, value in enumerate(values):
+        _write(store, f"{owner}.{number}", value)
+        found.append(store[f"{owner}.{number}"].ref)
+    return np.array(found, dtype=h5py.ref_dtype).reshape(-1, 1)  # a row, turned around
 
 
 def _write_array(group, name, value):
     if isinstance(value, str):
         codes = np.array([[ord(c)] for c in value], dtype=np.uint16)
         group[name] = codes if value else np.zeros(2, dtype=np.uint64)
-        group[name].attrs["MATLAB_class"] = np.bytes_("char")
+        _call(group[name], "char")
         if not value:
             group[name].attrs["MATLAB_empty"] = np.uint8(1)
         return
     array = np.atleast_2d(value)
     group[name] = array.T.astype(np.uint8) if array.dtype == bool else array.T
-    group[name].attrs["MATLAB_class"] = np.bytes_(_CLASSES[array.dtype.str[1:]])
+    _call(group[name], _CLASSES[array.dtype.str[1:]])
 
 
 def element(kind, content):

@@ -101,6 +101,13 @@ def test_references_are_followed_once_and_the_nearest_entry_wins(folder):
     assert "F" not in read_dictionary(folder / "main.sldd", follow=False).data.entries
 
 
+def test_a_broken_dictionary_does_not_take_the_one_with_it_that_refers_to_it(folder):
+    (folder / "lost.sldd").write_bytes(b"PK\3\4cut")
+    found = read_dictionary(folder / "main.sldd").data
+    assert found.entries["F"].value.item() == 8.0
+    assert "is a broken zip archive" in found.unreadable["lost.sldd"]
+
+
 def test_a_reference_leads_to_no_file_elsewhere(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "b.sldd").write_bytes(sldd({"K": entry(1.0)}))

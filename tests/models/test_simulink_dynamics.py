@@ -509,6 +509,16 @@ def test_a_variable_step_is_said_to_be_replaced(tmp_path):
 # conditional subsystems
 
 
+@pytest.mark.parametrize("solver", ["ode8", "ode14x", "ode1be"])
+def test_a_fixed_step_solver_that_is_replaced_leaves_its_step(solver, tmp_path):
+    found = import_simulink(oscillator(solver).write(tmp_path), parameters=[GIVEN])
+    same = import_simulink(oscillator("ode4").write(tmp_path), parameters=[GIVEN])
+    assert found.model.step == same.model.step == 0.1
+    assert found.model.graph == same.model.graph
+    assert found.report.substitutions[0] == f"{solver} -> ode4"
+    assert not same.report.substitutions
+
+
 def conditional(port, states="held", output="held", inside="UnitDelay", **options):
     """An accumulator in a subsystem that a second inport controls."""
     drawn = Model(step="0.1", solver="FixedStepDiscrete")

@@ -6,9 +6,11 @@ from simulink_files import Model
 from simulink_runs import run
 
 from kennfeld.cli import run as command
+from kennfeld.models.simulink import parts
 from kennfeld.models.simulink.importing import simulink
 from kennfeld.models.simulink.opening import Opened
 from kennfeld.models.simulink.parts import inspect_simulink
+from kennfeld.models.simulink.weaving import effort
 
 U = np.linspace(-1, 1, 9)
 
@@ -114,3 +116,73 @@ def test_a_conditional_subsystem_can_be_among_them(kind, tmp_path):
 def test_the_search_can_begin_at_a_subsystem(tmp_path):
     report = inspect_simulink(engine().write(tmp_path), "Outer")
     assert [one.path for one in report.subsystems] == ["Outer/Within"]
+
+
+def large(count=3):
+    """A model of subsystems of ten gains each, one after the other, over ten elements."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", PortDimensions="10")
+    names = [f"S{at}" for at in range(count)]
+    for number, name in enumerate(names, 2):
+        inner = drawn.subsystem(name)
+        chain(inner, *[f"{number}.{at}" for at in range(1, 11)])
+        inner.blocks[0].parameters["PortDimensions"] = "10"
+    drawn.outport("y")
+    drawn.chain("u", *names, "y")
+    return drawn
+
+
+def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(effort, "_MOST_NODES", 250)
+    path = large().write(tmp_path)
+    report = inspect_simulink(path)
+    assert not report.whole
+    assert [one.what for one in report.findings] == ["the blocks up to here ask for more than 250 operations a step"]
+    assert [one.path for one in report.subsystems] == ["S0", "S1", "S2"]
+    assert command(["info", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "ask for more than 250 operations" in shown
+    assert "S2" in shown
+
+
+def test_a_search_that_ends_early_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(effort, "_MOST_NODES", 500)
+    monkeypatch.setattr(parts, "_MOST_ASKED", 1000)
+    monkeypatch.setattr(parts, "_LEAST_ASKED", 100)
+    path = large(8).write(tmp_path)
+    report = inspect_simulink(path)
+    assert 0 < len(report.subsystems) < 8
+    assert "the search for subsystems that can be imported by themselves ended early" in report.remarks[-1]
+    assert command(["info", str(path)]) == 0
+    assert "ended early" in capsys.readouterr().out
+
+
+def test_a_solver_that_needs_too_many_operations_stops_the_whole_alone(tmp_path, monkeypatch):
+    drawn = Model(step="0.1", solver="ode5")
+    drawn.inport("u", PortDimensions="20")
+    drawn.block("Integrator", "I")
+    drawn.outport("y")
+    drawn.chain("u", "I", "y")
+    chain(drawn.subsystem("Part"), 2, 3)
+    path = drawn.write(tmp_path)
+    assert inspect_simulink(path).whole
+    monkeypatch.setattr(effort, "_MOST_NODES", 200)
+    report = inspect_simulink(path)
+    assert not report.whole
+    assert [one.path for one in report.subsystems] == ["Part"]
+
+
+def test_a_model_without_outputs_names_its_subsystems(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    chain(drawn.subsystem("Part"), 2, 3)
+    report = inspect_simulink(drawn.write(tmp_path))
+    assert "it has no outport" in str(report.findings[0])
+    assert [one.path for one in report.subsystems] == ["Part"]
+
+
+def test_the_command_says_why_a_script_gives_a_variable_no_value(tmp_path, capsys):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    chain(drawn, "k")
+    (tmp_path / "init.m").write_text("k = sqrt(nowhere);")
+    assert command(["info", str(drawn.write(tmp_path)), "--parameters", str(tmp_path / "init.m")]) == 0
+    assert "init.m line 1" in capsys.readouterr().out

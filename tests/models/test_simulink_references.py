@@ -173,3 +173,45 @@ def test_a_calibration_file_goes_over_the_variable_of_a_referenced_model_that_is
     np.testing.assert_allclose(found["y"], 7 * U, rtol=1e-13)
     np.testing.assert_allclose(found["one1"], 2 * U, rtol=1e-13)
     np.testing.assert_allclose(found["two2"], np.interp(U, [-9, 0, 9], [0.0, 5.0, 5.0]), rtol=1e-12)
+
+
+def with_arguments(names, values, listed):
+    """A model around a model to whose arguments it gives values."""
+    made = around("a = 4;")
+    keys = ("ParameterArgumentNames", "ParameterArgumentValues")
+    for block in made.blocks:
+        if block.name == "one" and listed:
+            block.lists = dict(zip(keys, (names, values), strict=True))
+        elif block.name == "one":
+            block.parameters |= dict(zip(keys, (",".join(names), ",".join(values)), strict=True))
+    next(block for block in made.blocks if block.name == "K").parameters["Gain"] = "a"
+    return made
+
+
+@pytest.mark.parametrize(("layout", "listed"), [("slx parts", True), ("slx parts", False), ("mdl", False)])
+def test_arguments_of_a_referenced_model_take_the_values_of_the_block(layout, listed, tmp_path):
+    for name in ("one", "two"):
+        scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path, layout)
+    model = imported(with_arguments(["k", "Eta"], ["3*a", "[5,6,a]"], listed), tmp_path, layout)
+    found = run(model, {"u": U})
+    np.testing.assert_allclose(found["one1"], 12 * U, rtol=1e-13)
+    np.testing.assert_allclose(found["one2"], np.interp(U, [-9, 0, 9], [5, 6, 4]), rtol=1e-12)
+    np.testing.assert_allclose(found["two1"], 2 * U, rtol=1e-13)
+    exact, differences = slopes(model, {"u": U}, "a", "one1")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)
+
+
+def test_an_argument_without_a_value_keeps_that_of_the_model(tmp_path):
+    for name in ("one", "two"):
+        scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path)
+    found = run(imported(with_arguments(["k"], [""], True), tmp_path), {"u": U})
+    np.testing.assert_allclose(found["one1"], 2 * U, rtol=1e-13)
+
+
+def test_a_referenced_model_that_is_imported_by_itself_has_its_own_names(tmp_path):
+    for name in ("one", "two"):
+        scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path)
+    drawn = with_arguments(["k"], ["3*a"], True)
+    for name, factor in (("one", 12), ("two", 2)):
+        found = run(imported(drawn, tmp_path, subsystem=name), {"x": U})
+        np.testing.assert_allclose(found["y"], factor * U, rtol=1e-13)

@@ -9,8 +9,10 @@ import scipy.io
 from simulink_data import Thing, matfile
 from simulink_files import Model
 
+from kennfeld.errors import InputError
 from kennfeld.models.simulink.files.document import document
 from kennfeld.models.simulink.variables.variables import variables_of
+from kennfeld.parameters import Block, Map, ParameterSet, Scalar
 
 
 def variables(folder, script=None, given=()):
@@ -72,3 +74,29 @@ def test_a_script_loads_no_file_of_another_folder(tmp_path):
     found = variables(tmp_path / "m", "load ../data.mat")
     assert "A" not in found
     assert found.findings
+
+
+def test_what_a_script_leaves_without_a_value_loses_the_one_it_had(tmp_path):
+    found = variables(tmp_path, "K = nowhere(3); L = 2;", [{"K": 1.0, "L": 1.0, "M": 1.0}])
+    assert {name: found[name].value.item() for name in found} == {"L": 2.0, "M": 1.0}
+    assert "K stays undefined" in str(found.findings[0])
+
+
+def test_a_table_from_a_calibration_file_is_never_scrambled_into_the_size_of_another(tmp_path):
+    given = ParameterSet([Map("M", [0, 1, 2], [0, 1], np.arange(6.0).reshape(3, 2)), Block("row", [5.0, 6.0])])
+    found = variables(tmp_path, "M = [1 2 3; 4 5 6]; row = [1; 2];", [given])
+    assert found["M"].value.tolist() == [[0, 1], [2, 3], [4, 5]]
+    assert found["row"].value.tolist() == [[5], [6]]
+
+
+@pytest.mark.parametrize("value", [None, 1 + 2j, np.array([1j, 2.0]), Scalar("K", 2.0)])
+def test_a_value_that_is_of_no_use_is_told_by_its_name(tmp_path, value):
+    with pytest.raises(InputError, match=r"parameters: K=.* is no value\. Give numbers"):
+        variables(tmp_path, given=[{"K": value, "L": 1.0}])
+
+
+def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"lost.sldd: cannot be read"):
+        variables(tmp_path, given=[tmp_path / "lost.sldd"])
+    own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
+    assert "lost.sldd: cannot be read" in str(variables_of(own, ()).findings[0])

@@ -334,7 +334,7 @@ def _simulink(file: Path, part: Part) -> Contents:
         else:
             seen = [*interface_tables(report), *tables[2:]] if report.whole or part.subsystem else tables
             tables = [*seen, *import_tables(report)]
-            notes = list(dict.fromkeys([*notes, *report.remarks, *import_notes(report)]))
+            notes = list(dict.fromkeys([*notes, *import_notes(report)]))
             as_json |= {"import": asdict(report) | {"whole": report.whole}}
     return Contents(model_summary(found), tables, notes, _plain(as_json))
 

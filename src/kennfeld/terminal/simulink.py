@@ -22,6 +22,7 @@ __all__ = [
 ]
 
 Rows = list[Sequence[str]]
+_MOST_REMARKS = 20  # on one import
 
 
 def model_summary(found: Outline) -> str:
@@ -121,13 +122,17 @@ def import_notes(report: ImportReport) -> list[str]:
     """How much of the model can be calibrated, and what runs in another way than in Simulink."""
     whole = "all outputs can be calibrated" if report.whole else "some outputs cannot be calibrated as it is"
     give = "Give the variables values with --parameters: scripts (.m), .mat, .sldd, calibration files."
+    more = len(report.remarks) - _MOST_REMARKS
     loops = [f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops]
     return [
         f"{report.supported} of {_counted(report.total, 'block')} supported; {whole}",
+        *map(str, report.stopped),
         *([give] if report.undefined else []),
         *loops,
         *report.substitutions,
         *report.fixed,
+        *report.remarks[:_MOST_REMARKS],
+        *([f"and {more} more remarks; --json lists them"] if more > 0 else []),
     ]
 
 

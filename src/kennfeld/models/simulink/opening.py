@@ -67,7 +67,7 @@ class Opened:
                 raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
             if block.chart is not None:
                 return single(block, block.system), scope, joined(*names[:-1])
-            scope, system = scope.within(block), block.system
+            scope, system = scope.inside(block, self.models), block.system
         assert block is not None
         try:
             return content(block, scope)[0], scope, block.path

@@ -1,7 +1,7 @@
 """Which subsystems of a model that is not whole can be imported by themselves, the largest first.
 
 A subsystem is tried where none of its blocks is known to be unsupported; where it cannot be imported all the same,
-those within it are tried. So each block is looked at a few times at most.
+those within it are tried. So each block is looked at a few times at most, and the operations of all trials have an end.
 """
 
 from collections.abc import Iterable, Iterator
@@ -24,6 +24,9 @@ __all__ = ["inspect_simulink"]
 _SMALLEST = 2  # blocks besides ports
 _AGAIN = 4  # times that the blocks of a model are built on the search
 _MOST = 50  # subsystems told
+_MOST_ASKED = 400_000  # operations of all trials, which take some seconds
+_LEAST_ASKED = 10_000  # below which no trial is worth while
+_ENDED = "the search for subsystems that can be imported by themselves ended early: name one to look into it"
 
 
 def inspect_simulink(
@@ -34,40 +37,49 @@ def inspect_simulink(
 ) -> ImportReport:
     """What an import makes of a file or a subsystem and, where that stops, which subsystems within can be imported.
 
-    Raises `InputError` where the file cannot be read.
+    Raises `InputError` where the file cannot be read, or has more blocks than any model.
     """
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
-    work = Work(opened, system, scope)
-    report = work.imported().report
+    report = Work(opened, system, scope).inspected()
     if report.whole:
         return report
     search = _Search(opened, report, len(split(prefix)) if prefix else 0)
     search.below(system, scope)
     found = sorted(search.found, key=lambda one: (-one.blocks, one.path))
-    return replace(report, subsystems=tuple(found[:_MOST]))
+    remarks = (*report.remarks, _ENDED) if search.ended else report.remarks
+    return replace(report, subsystems=tuple(found[:_MOST]), remarks=remarks)
 
 
 class _Search:
+    """`left` are blocks and `asked` operations that the search may still build."""
+
     def __init__(self, opened: Opened, report: ImportReport, depth: int) -> None:
         self.opened, self.depth = opened, depth
         self.bad = {names for one in report.unsupported for names in _around(one.path)}
         self.bad |= {names for loop in report.loops for path in loop for names in _around(path)}
         self.left = _AGAIN * report.total + 1000
+        self.asked = _MOST_ASKED
         self.found: list[Importable] = []
 
     def below(self, root: System, scope: Scope) -> None:
+        """Look through the blocks of a system and all below them."""
         waiting = [(block, scope) for block in reversed(root.blocks)]
-        while waiting and self.left > 0:
+        while waiting and not self.ended:
             block, scope = waiting.pop()
             if block.system is None or not _is_plain(block):
                 continue
-            inside = self.opened.models.get(block.model) or scope.within(block)
+            inside = scope.inside(block, self.opened.models)
             one = None if split(block.path)[self.depth :] in self.bad else self._tried(block, inside)
             if one is None:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
             elif one.blocks - len(one.inputs) - len(one.outputs) >= _SMALLEST:
                 self.found.append(one)
+
+    @property
+    def ended(self) -> bool:
+        """Whether as much has been built as the search may."""
+        return self.left <= 0 or self.asked <= _LEAST_ASKED
 
     def _tried(self, block: Block, scope: Scope) -> Importable | None:
         """The subsystem as it is imported; None where it is not whole."""
@@ -75,11 +87,17 @@ class _Search:
             return None
         try:
             work = Work(self.opened, content(block, scope)[0], scope)
-            self.left -= len(work.flat.atoms)
-            weaver = work.woven()
-            report = work.report(weaver)
         except (InputError, NoValueError):
             return None
+        self.left -= len(work.flat.atoms)
+        work.most_asked = self.asked // 2  # what is too large leaves as much for what is within
+        try:
+            weaver = work.woven()
+            report = work.report(weaver)
+        except InputError:
+            return None
+        finally:
+            self.asked -= work.asked
         if not report.whole or report.unsupported:
             return None
         outputs = tuple(port.block.name for port in work.flat.outports)

@@ -75,7 +75,7 @@ class ImportReport:
     sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
     `frozen` are expressions whose variables are fixed, with the reason. `inputs` and `outputs` are those of the
     function, where it is whole; `parameters` are what can be calibrated. `subsystems` are those that can be imported
-    by themselves, where that was asked for.
+    by themselves, where that was asked for. `stopped` is what keeps the blocks from being built at all.
     """
 
     total: int
@@ -92,11 +92,12 @@ class ImportReport:
     inputs: tuple[Quantity, ...] = ()
     outputs: tuple[Quantity, ...] = ()
     subsystems: tuple[Importable, ...] = ()
+    stopped: tuple[Finding, ...] = ()
 
     @property
     def whole(self) -> bool:
         """Whether all outputs could be built."""
-        return not self.loops and not any(one.stops for one in self.unsupported)
+        return not self.stopped and not self.loops and not any(one.stops for one in self.unsupported)
 
     @property
     def fixed(self) -> tuple[str, ...]:
@@ -115,7 +116,7 @@ class ImportReport:
         """What keeps the outputs from being built; variables without a value first, each once."""
         valueless = (_valueless(name, paths) for name, paths in self.undefined.items())
         others = (_together(several) for several in self.groups if several[0].stops)
-        return (*valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
+        return (*self.stopped, *valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
 
     @property
     def groups(self) -> tuple[tuple[Unsupported, ...], ...]:

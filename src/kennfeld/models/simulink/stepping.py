@@ -16,6 +16,7 @@ from kennfeld.models.simulink.weaving.schedule import Clock, common_step, stated
 
 __all__ = ["Stepping"]
 
+_FIXED = {*SOLVERS, "ode8", "ode14x", "ode1be", "odeN", "FixedStepDiscrete", "FixedStepAuto"}
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _LEAST_SHARE = 1e-4  # of the shortest sample time, for a step that hits all of them
 _CONTINUOUS = {
@@ -46,17 +47,23 @@ class Stepping:
         continuous = any(atom.kind in _CONTINUOUS for atom in atoms)
         periods = _periods(atoms, expressions)
         name = settings.name
-        fixed = name in SOLVERS or name.casefold() in ("fixedstepdiscrete", "fixedstepauto")
-        self.solver = name if name in SOLVERS else "ode3" if name.casefold() == "fixedstepauto" else "ode4"
-        if continuous and not fixed:
-            instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
-            self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
-            if name in _STIFF:
-                self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
+        fixed = name.casefold() in {one.casefold() for one in _FIXED}
+        is_auto = name.casefold() == "fixedstepauto"
+        self.solver = name if name in SOLVERS else "ode3" if is_auto else "ode4"
+        if continuous and name not in SOLVERS and not is_auto:
+            self._replace_solver(fixed)
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
             self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
         self.clock = Clock(step, continuous)
+
+    def _replace_solver(self, fixed: bool) -> None:
+        """Say that another solver takes the place of the model's."""
+        name = self.settings.name
+        data = " with a fixed step: the step is that of the data unless sample times ask for another"
+        self.substitutions.append(f"{name or 'an unknown solver'} -> {self.solver}{'' if fixed else data}")
+        if name in _STIFF:
+            self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
         text = self.settings.fixed_step.strip()

@@ -59,14 +59,16 @@ class Work:
     ) -> None:
         self.path, self.document, self.variables = opened.path, opened.document, opened.variables
         self.cuts, self.promote, self.files = cuts, promote, opened.files
+        self.most_asked: int | None = None  # operations, where fewer shall be asked for than are possible
+        self._asked_before = 0
         self._opened, self._system, self._scope = opened, system, scope
         self.flat = self._flat({})
         self.remarks = list(opened.remarks)
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self.settings, lost = settings_of(self.document, self.variables)
-        expressions = Weaver(self.flat, Clock(None), (), self._give, Guesses()).expressions
-        stepping = Stepping(self.settings, self.flat.atoms, expressions, Scope(self.variables))
+        self._last = Weaver(self.flat, Clock(None), (), self._give, Guesses())
+        stepping = Stepping(self.settings, self.flat.atoms, self._last.expressions, Scope(self.variables))
         self.solver, self.clock = stepping.solver, stepping.clock
         self.remarks += stepping.remarks
         self.substitutions = [*([lost] if lost else []), *stepping.substitutions]
@@ -98,6 +100,18 @@ class Work:
             return Imported(None, report)
         model = self._model(weaver, report)
         return Imported(model, _faced(report, model))
+
+    @property
+    def asked(self) -> int:
+        """How many operations the blocks have asked for, in all attempts to build them."""
+        return self._asked_before + self._last.loom.asked
+
+    def inspected(self) -> ImportReport:
+        """The report alone, also where the blocks ask for too much, or nothing asks for them."""
+        try:
+            return self.imported().report
+        except InputError as error:
+            return replace(self.report(self._last), stopped=error.findings)
 
     def woven(self) -> Weaver:
         """The blocks as a graph; passes whose number depends on signals are counted in a first attempt."""
@@ -143,16 +157,19 @@ class Work:
             what = "it has no outport, and nothing that records or shows a signal"
             raise InputError.of(self.path.name, what, _instead(self._system))
 
-        def make(guesses: Guesses) -> Weaver:
-            made = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
-            made.files = self.files
-            made.declared.whole = self.variables
-            return made
-
         try:
-            return settled(make, goals)
+            return settled(self._weaver, goals)
         except TooLargeError as error:
             raise InputError.of(f"{self.path.name} {error.place}".rstrip(), error.what, error.mend) from None
+
+    def _weaver(self, guesses: Guesses) -> Weaver:
+        self._asked_before = self.asked
+        made = self._last = Weaver(self.flat, self.clock, self.promote, self._give, guesses)
+        made.files = self.files
+        made.declared.whole = self.variables
+        if self.most_asked is not None:
+            made.loom.most = max(self.most_asked - self.asked, 0)
+        return made
 
     def _stops(self, weaver: Weaver) -> bool:
         return bool(weaver.failures or weaver.visits.loops)

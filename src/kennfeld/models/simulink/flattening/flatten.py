@@ -152,7 +152,7 @@ class _Placing:
     def _enter(self, level: Level, block: Block, system: System) -> None:
         system = in_use(system)
         path = (*level.path, block.name)
-        scope = level.scope.within(block) if block.type == "SubSystem" else self.models.get(block.model, level.scope)
+        scope = level.scope.inside(block, self.models)
         iterator = iterator_of(system)
         try:
             plan = planned(iterator, block, path, scope, self.counts) if iterator is not None else None

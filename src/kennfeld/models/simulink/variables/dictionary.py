@@ -74,7 +74,8 @@ def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
     """The variables of a `.sldd` file and, with `follow`, of the dictionaries beside it that it refers to.
 
     An entry of the file itself wins over one of the same name further down. What cannot be decoded is told by name in
-    `data.unreadable`, a reference without a file among it. Raises `InputError` where a file is no dictionary.
+    `data.unreadable`, a reference to a file that is missing or broken among it. Raises `InputError` where the file
+    itself is no dictionary.
     """
     path = Path(path)
     read = _one(path)
@@ -92,7 +93,11 @@ def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
         if file.resolve() in seen:
             continue
         seen.add(file.resolve())
-        further = _one(file)
+        try:
+            further = _one(file)
+        except InputError as error:
+            unreadable.setdefault(name, f"this dictionary, which the other refers to: {error.findings[0].what}")
+            continue
         entries = {**further.data.entries, **entries}
         unreadable = {**further.data.unreadable, **unreadable}
         solvers = {**further.solvers, **solvers}

@@ -22,7 +22,6 @@ class Variables(dict[str, Variable]):
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
-        self.undefined: dict[str, str] = {}
         self.solvers: dict[str, Solver] = {}
         self.strangers = ParameterSet()
 

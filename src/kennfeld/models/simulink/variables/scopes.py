@@ -1,6 +1,6 @@
 """What a name means in a block's parameters: masks from the inside out, then the variables of the model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, Union
 
@@ -88,6 +88,19 @@ class Scope:
             inside.masked[one.name] = Masked(one.meaning, self, one.evaluated, field, one.expression)
         return _coded(inside, block.mask.initialization)
 
+    def inside(self, block: Block, models: "Mapping[str, Scope]") -> "Scope":
+        """The names inside of a subsystem, or of a referenced model, which has names of its own.
+
+        To those the block may give other values, its model arguments; an empty one leaves that of the model.
+        """
+        own = models.get(block.model)
+        if own is None:
+            return self.within(block)
+        around = self.within(block)
+        given = {name: text for name, text in _arguments(block) if text.strip()}
+        made = {name: Masked(text, around, True, f"{block.path}:{name}", text) for name, text in given.items()}
+        return Scope(own.variables, {**made}, own) if made else own
+
     def shown(self) -> dict[str, str]:
         """What the dialogs of the masks around show, by the names of their parameters; the inner ones win."""
         found: dict[str, str] = {}
@@ -109,6 +122,31 @@ class Scope:
     def part(self, way: Sequence[str]) -> Variable | None:
         """The part of a struct that a calibration file gives a value by its full name, "Control.Gain"."""
         return self.variables.get(".".join(way)) if len(way) > 1 else None
+
+
+def _arguments(block: Block) -> Iterator[tuple[str, str]]:
+    """The arguments of a referenced model with their expressions: lists of texts, in old files parted by commas."""
+    names, values = (
+        block.listed(key) or _parted(block.value(key) or "")
+        for key in ("ParameterArgumentNames", "ParameterArgumentValues")
+    )
+    return zip(map(str.strip, names), values, strict=False)
+
+
+def _parted(text: str) -> tuple[str, ...]:
+    """The parts of a text between commas outside of brackets.
+
+    >>> _parted("a, [1,2]")
+    ('a', ' [1,2]')
+    """
+    parts, depth = [""], 0
+    for character in text:
+        depth += (character in "([{") - (character in ")]}")
+        if character == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return tuple(parts)
 
 
 def _coded(scope: Scope, code: str) -> Scope:
@@ -173,10 +211,10 @@ def plain(value: Any) -> Value | None:
         parts = {str(key): plain(part) for key, part in value.items()}
         return {key: part for key, part in parts.items() if part is not None}
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = None if value is None or np.iscomplexobj(value) else np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         return _several(value)
-    return np.atleast_1d(array)
+    return np.atleast_1d(array) if array is not None else None
 
 
 def _several(value: Any) -> Value | None:

@@ -33,7 +33,10 @@ def _enumeration(found: Variables, text: str, path: Path) -> None:
 
 
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
-    """Add the variables that a text of MATLAB makes; files that it loads are looked for in `folder` alone."""
+    """Add the variables that a text of MATLAB makes; those that it leaves without a value lose the one they had.
+
+    Files that it loads are looked for in `folder` alone.
+    """
     given = {key: variable.value for key, variable in found.items()}
     outcome = run_script(text, name, given, _beside(folder))
     found.findings += [replace(one, severity="warning") for one in outcome.findings]
@@ -45,8 +48,8 @@ def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
         before = found.get(key)
         if before is None or not same(before.value, made.value):
             found[key] = _commented(made, outcome.comments.get(key, ""))
-    for key, why in outcome.undefined.items():
-        found.undefined[key] = why
+    for key in outcome.undefined:
+        found.pop(key, None)
 
 
 def _commented(made: Variable, comment: str) -> Variable:

@@ -53,7 +53,12 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
 
 
 def _plain(given: Mapping[str, object]) -> dict[str, Value]:
+    """Values that are given by name; raises `InputError` with each that is of no use."""
     values = {name: plain(value) for name, value in given.items()}
+    wrong = [name for name, value in values.items() if value is None]
+    if wrong:
+        mend = "Give numbers, texts, lists or dictionaries of them; parameters in a ParameterSet."
+        raise InputError([Finding("parameters", f"{name}={given[name]!r:.60} is no value", mend) for name in wrong])
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -62,7 +67,7 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
     ending = path.suffix.casefold()
     if ending == ".sldd":
         content(path)  # one that is not there is a mistake here, but not where a model names it
-        _dictionary(found, path)
+        _entries(found, path)
     elif ending == ".mat":
         _add(found, mat_variables(content(path)), path.name)
     elif ending == ".m":
@@ -75,13 +80,18 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
 
 
 def _dictionary(found: Variables, path: Path) -> None:
+    """Take the variables of the model's own dictionary; what is wrong with it is a finding."""
     try:
-        read = read_dictionary(path)
-        _add(found, read.data, path.name)
-        found.solvers.update(read.solvers)
-        found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
+        _entries(found, path)
     except InputError as error:
         found.findings += error.findings
+
+
+def _entries(found: Variables, path: Path) -> None:
+    read = read_dictionary(path)
+    _add(found, read.data, path.name)
+    found.solvers.update(read.solvers)
+    found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
 
 
 _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
@@ -150,7 +160,7 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     """A variable with the value of a parameter; what is known of it stays, where the parameter says nothing else."""
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
-    if known is not None and isinstance(known.value, np.ndarray) and known.value.size == value.size:
+    if known is not None and isinstance(known.value, np.ndarray) and _long(known.value) == _long(value):
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Array = known.lower if known is not None else -np.inf
@@ -158,3 +168,8 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     if parameter.limited:
         lower, upper = (np.reshape(bound, value.shape) for bound in (parameter.lower, parameter.upper))
     return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
+
+
+def _long(values: Array) -> list[int]:
+    """The sizes along the dimensions that have more than one element: those of a row are those of a column."""
+    return [size for size in values.shape if size != 1]

@@ -20,7 +20,7 @@ class TooLargeError(Exception):
 
 
 class BoundedLoom(Loom):
-    """A graph builder with an end; `place` is the block that is being built.
+    """A graph builder with an end: `most` operations may be asked for; `place` is the block that is being built.
 
     Raises `TooLargeError`.
     """
@@ -28,11 +28,12 @@ class BoundedLoom(Loom):
     def __init__(self) -> None:
         super().__init__()
         self.asked = 0
+        self.most = _MOST_ASKED
         self.place = ""
 
     def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
         """The number of this node, made where it does not exist yet."""
         self.asked += 1
-        if self.asked > _MOST_ASKED or len(self.nodes) > _MOST_NODES:
+        if self.asked > self.most or len(self.nodes) > _MOST_NODES:
             raise TooLargeError(self.place, f"the blocks up to here ask for more than {_MOST_NODES} operations a step")
         return super().node(op, args, payload)
