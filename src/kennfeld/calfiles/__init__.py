@@ -1,7 +1,16 @@
 """Calibration files: one converter a format, told apart by content when reading and by ending when writing."""
 
 from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
-from kennfeld.calfiles.files import CalibrationFile, ParameterSummary, describe, endings, read, read_several, unwritable, write
+from kennfeld.calfiles.files import (
+    CalibrationFile,
+    ParameterSummary,
+    describe,
+    endings,
+    read,
+    read_several,
+    unwritable,
+    write,
+)
 from kennfeld.calfiles.flash import A2lFile, describe_a2l
 from kennfeld.calfiles.merging import Change, Merged, merge
 from kennfeld.parameters import use_writer

@@ -34,7 +34,8 @@ _CONTINUOUS = {
 class Stepping:
     """The `solver` and the `clock` of blocks whose model has these settings; `scope` is what the settings see.
 
-    `substitutions` say what takes the place of what the model asks for, `remarks` which settings have no value.
+    `substitutions` say what takes the place of what the model asks for, `remarks` which settings have no value. `found`
+    are those substitutions that tell of a step, which a step of the user's own makes void.
     """
 
     def __init__(self, settings: Solver, atoms: Sequence[Atom], expressions: Expressions, scope: Scope) -> None:
@@ -43,6 +44,7 @@ class Stepping:
         self.scope = scope
         self.substitutions: list[str] = []
         self.remarks: list[str] = []
+        self.found: list[str] = []
         continuous = any(atom.kind in _CONTINUOUS for atom in atoms)
         periods = _periods(atoms, expressions)
         name = settings.name
@@ -55,7 +57,7 @@ class Stepping:
                 self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
-            self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
+            self._instead(f"a variable step -> {step:g} s, the longest that hits all sample times")
         self.clock = Clock(step, continuous)
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
@@ -74,10 +76,12 @@ class Stepping:
         step = common_step(periods)
         if step is None or step >= _LEAST_SHARE * min(periods):
             return step
-        self.substitutions.append(
-            f"no step hits all sample times: {min(periods):g} s is the shortest, others hit behind"
-        )
+        self._instead(f"no step hits all sample times: {min(periods):g} s is the shortest, others hit behind")
         return min(periods)
+
+    def _instead(self, sentence: str) -> None:
+        self.substitutions.append(sentence)
+        self.found.append(sentence)
 
     def _number(self, text: str) -> float | None:
         try:
