@@ -53,7 +53,7 @@ def model_tables(found: Outline) -> list[Rows]:
     charts += [(path, kind, str(states), str(moves)) for path, kind, states, moves in found.charts]
     functions: Rows = [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in found.functions)]
     links: Rows = [("refers to", "type", "times", "from")]
-    links += [(c.source, c.type, str(c.count), c.found) for c in found.connections]
+    links += [(c.source, " ".join(c.type.split()), str(c.count), c.found) for c in found.connections]
     sources: Rows = [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in found.sources)]
     return [ports, outputs, inner, blocks, charts, functions, links, sources]
 

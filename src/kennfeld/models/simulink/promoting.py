@@ -24,7 +24,8 @@ def _misnamed(path: Path, names: Collection[str], blocks: Mapping[str, Block]) -
         way, _, field = name.rpartition(":")
         block = blocks.get(way)
         if block is None:
-            mend = nearest(way, blocks) or f"Its blocks are {', '.join(list(blocks)[:_SHOWN])}."
+            having = [path for path, one in blocks.items() if field in _fields(one)] or list(blocks)
+            mend = nearest(way, having) or f"Blocks that have one: {', '.join(having[:_SHOWN])}."
             yield Finding(path.name, f"there is no block {way}, whose {field} is named a parameter", mend)
         elif block.chart is None and field not in (fields := _fields(block)):
             mend = nearest(field, fields) or f"Its fields are {', '.join(list(fields)[:_SHOWN])}."
