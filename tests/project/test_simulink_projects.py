@@ -20,6 +20,7 @@ from kennfeld.optimize.api import simulate
 from kennfeld.parameters import Curve, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.demo import write
+from kennfeld.report.facts import sources
 
 DRAWN = "slx parts"
 
@@ -455,3 +456,11 @@ def test_a_model_without_outputs_names_the_subsystems_that_have_some(drawn):
         simulink(path)
     with pytest.raises(InputError, match=r"Draw an outport\."):
         simulink(Model("line").write(drawn.folder, DRAWN))
+
+
+def test_the_report_lists_the_scripts_that_a_model_has_its_values_from(drawn):
+    (drawn.folder / "init.m").write_text("Slope = 1;")
+    drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
+    roles = {one.name: one.role for one in sources(drawn.project)}
+    assert roles["init.m"] == "values of the model"
+    assert all(one.digest for one in sources(drawn.project))
