@@ -27,13 +27,9 @@ ROOT = Path(__file__).parents[1]
 PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-NOISE = {
-    "air-flow": 1.0,
-    "exhaust-temperature": 2.0,
-    "simulink": 2.0,
-    "idle-speed": 76.0,
-}  # standard deviation; of idle speed, 2/3 of
-# the 114 rpm that are published as the best: a step of the set value cannot be followed at once
+# standard deviation; of idle speed, 2/3 of the 114 rpm that are published as the best: a step of the set value cannot
+# be followed at once
+NOISE = {"air-flow": 1.0, "exhaust-temperature": 2.0, "simulink": 2.0, "idle-speed": 76.0}
 
 by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 

@@ -60,10 +60,8 @@ def test_the_true_values_lie_within_what_the_fit_trusts(calibrated):
 def test_the_values_come_back_through_a_calibration_file(calibrated):
     project = Project.read(calibrated / "kennfeld.toml")
     results = calibrated / "results"
-    ways = [
-        project.simulate(read(results / name))[0]["T_sensor"].values for name in ("parameters.json", "parameters.m")
-    ]
-    np.testing.assert_allclose(ways[0], ways[1], rtol=1e-12)
+    ways = [project.simulate(read(results / f"parameters.{ending}"))[0]["T_sensor"].values for ending in ("json", "m")]
+    np.testing.assert_allclose(*ways, rtol=1e-12)
 
 
 def test_a_part_as_text_gives_the_same_in_a_project(calibrated, capsys):

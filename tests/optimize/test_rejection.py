@@ -90,6 +90,19 @@ def test_a_division_by_zero_is_traced_to_its_node_not_to_what_follows():
     assert "share was no finite number at sample 2 of bench" in result.message
 
 
+def test_a_node_that_no_criterion_depends_on_is_not_blamed():
+    data = kf.Dataset.of("bench", {"x": [0.0, 1.0, 4.0], "m": [1.0, 2.0, 3.0]})
+    text = "shown = 1 / x\nlast = a / (x - 1)"
+    result = kf.calibrate(text, data, {"a": 1.0}, "m", node="last")
+    assert "last was no finite number at sample 2 of bench" in result.message
+
+
+def test_what_a_criterion_depends_on_through_a_memory_is_blamed():
+    data = recorded(np.array([1.0, 0.0, 2.0, 1.0]), np.ones(4))
+    result = kf.calibrate("last = prev(share, a)\nshare = a / u", data, {"a": 1.0}, "m", node="last")
+    assert "share was no finite number at sample 2 of drive" in result.message
+
+
 def test_the_sample_is_counted_in_the_recording_with_its_gaps():
     x = np.array([1.0, np.nan, 0.0, 2.0])
     data = kf.Dataset.of("bench", {"x": x, "m": np.ones(4)})

@@ -72,3 +72,12 @@ def test_events_that_no_free_parameter_and_no_criterion_feels_are_none(shop):
     shop.add("\n[parameters.Other]\ninitial = 1.0\n")
     shop.change("[calibration]", "[calibration]\nfree = ['offset', 'Other']")
     assert shop.warnings() == []
+
+
+def test_of_many_parameters_that_decide_some_are_named(shop):
+    names = [f"k{number}" for number in range(40)]
+    shop.text = "input Speed[rpm]\ninput Load\n" + f"Predict[Nm] = Load * Speed > {' + '.join(names)}\n"
+    shop.values("start.json", *(Scalar(name, 1.0) for name in names))
+    found = shop.warning()
+    assert "when k0, k1, k2, k3, k4 and 35 more decide" in found
+    assert found.endswith('Free up to 30 values, and write [optimizer] method = "global", and bounds for them.')

@@ -12,6 +12,7 @@ from torque_drawing import torque
 from kennfeld import cli, parameters
 from kennfeld.calfiles import read
 from kennfeld.calfiles import write as write_parameters
+from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models import started
 from kennfeld.models.formula import read as read_formula
@@ -21,6 +22,7 @@ from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.parameters import Curve, ParameterSet, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import write
+from kennfeld.report.facts import sources
 
 DRAWN = "slx parts"
 
@@ -331,3 +333,208 @@ def axes_script(start):
         for variable, axis in zip(variables, values[table].axes, strict=True)
     ]
     return "\n".join(lines)
+
+
+def said(shop):
+    """What a project's check says of its model, its parameters and its criteria."""
+    return [str(finding) for finding in shop.findings()]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ("line.slx", "lime.slx", "kennfeld.toml [model] file: there is no file lime.slx. Did you mean line.slx?"),
+        (
+            "[[dataset]]",
+            "subsystem = 'Engin'\n[[dataset]]",
+            "line.slx: it has no subsystem Engin. Did you mean Engine?",
+        ),
+        ("[[dataset]]", "parameters = 'inti.m'\n[[dataset]]", "inti.m: there is no such file. Did you mean init.m?"),
+        ("[[dataset]]", "parameters = 'x.sldd'\n[[dataset]]", "x.sldd: there is no such file. Check the path."),
+        (
+            "[[dataset]]",
+            "folders = ['parts', 'libs']\n[[dataset]]",
+            "kennfeld.toml [model] folders: there is no folder libs. Check the path.",
+        ),
+    ],
+)
+def test_a_model_that_cannot_be_read_is_the_one_thing_that_is_told(drawn, before, after, told):
+    (drawn.folder / "parts").mkdir()
+    (drawn.folder / "init.m").write_text("Slope = 1;")
+    inner = drawn.model.subsystem("Engine")
+    inner.inport("x")
+    drawn.model.write(drawn.folder, DRAWN)
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "[parameters.Slope]\nbounds = [0, 5]\n")
+    drawn.change(before, after)
+    [found] = said(drawn)
+    assert found.removeprefix(f"{drawn.folder}/") == told
+
+
+def test_a_protected_model_is_told_as_such(drawn):
+    (drawn.folder / "line.slxp").write_bytes(b"PK")
+    drawn.change("line.slx", "line.slxp")
+    drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
+    [found] = said(drawn)
+    assert "line.slxp is a protected model, whose blocks cannot be read. Ask for the model itself" in found
+    assert cli.run(["convert", str(drawn.folder / "line.slxp"), "x.kf"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        ('"Pluss:Bias"', "line.slx: there is no block Pluss, whose Bias is named a parameter. Did you mean Plus?"),
+        ('"Plus:Bais"', "line.slx Plus: Bias has no field Bais. Did you mean Bias?"),
+        ('"Plus:Slope"', "line.slx Plus: Bias has no field Slope. Its fields are Bias"),
+        (
+            '"Times:Multiplication"',
+            "kennfeld.toml [parameters.Times:Multiplication]: this field of the block is no number that can be fitted. "
+            "Name a field that holds a number.",
+        ),
+        ("Slop", "kennfeld.toml [parameters.Slop]: the model has no parameter Slop. Did you mean Slope?"),
+    ],
+)
+def test_a_parameter_that_the_model_does_not_have_is_told_once_with_the_nearest(drawn, section, told):
+    drawn.add(f"[parameters.{section}]\nbounds = [0, 5]\n")
+    [found] = said(drawn)
+    assert found.startswith(told)
+
+
+def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
+    model = drawn.model
+    model.block("Delay", "Later", DelayLength="2", SampleTime="-1")
+    model.outport("late")
+    model.chain("u", "Later", "late")
+    model.write(drawn.folder, DRAWN)
+    drawn.add('[parameters."Later:DelayLength"]\ninitial = 3\n')
+    [remark] = [finding for finding in drawn.findings() if "Later" in str(finding)]
+    assert remark.severity == "remark"
+    assert "as a fixed number, so that it cannot be fitted" in str(remark)
+    [data] = drawn.project.simulate()
+    u = np.linspace(-2, 2, 20)
+    np.testing.assert_allclose(data["late"].values, [0, 0, 0, *u[:-3]])
+
+
+@pytest.mark.parametrize(
+    ("node", "told"),
+    [
+        ("Engine/Gian", "Engine/Gian is no node of the function. Did you mean Engine/Gain?"),
+        ("Engine/Gain x", "Engine/Gain x is no node of the function. Did you mean Engine/Gain?"),
+        ("Engine", "Engine is no node of the function. Of Engine it has Engine/Gain, Engine/Other."),
+        ("Speed", "Speed is no node of the function. It has y."),
+    ],
+)
+def test_a_node_that_is_a_misspelt_path_is_no_formula(drawn, node, told):
+    model = Model("line")
+    model.inport("u")
+    inner = model.subsystem("Engine")
+    inner.inport("x")
+    inner.outport("y")
+    inner.block("Gain", "Gain", Gain="Slope")
+    inner.block("Bias", "Other", Bias="1")
+    inner.chain("x", "Gain", "Other", "y")
+    model.outport("y")
+    model.chain("u", "Engine", "y")
+    model.write(drawn.folder, DRAWN)
+    drawn.change("node = 'y'", f"node = '{node}'")
+    [found] = [one for one in said(drawn) if "no node" in one]
+    assert found == f"kennfeld.toml [[criterion]] 1 node: {told}"
+
+
+def test_what_runs_otherwise_than_in_simulink_is_a_remark_of_the_check(drawn):
+    model = Model("line", solver="ode45", step="auto")
+    model.inport("u")
+    model.block("Gain", "Times", Gain="Slope")
+    model.block("Integrator", "Sum", InitialCondition="0")
+    model.outport("y")
+    model.chain("u", "Times", "Sum", "y")
+    model.write(drawn.folder, DRAWN)
+    drawn.csv("bench.csv", {"time": 0.1 * np.arange(20), "u": np.ones(20), "z": 0.3 * np.arange(20)})
+    [remark] = [finding for finding in drawn.findings() if finding.severity == "remark"]
+    assert str(remark).startswith("kennfeld.toml [model] file: ode45 -> ode4 with a fixed step")
+    assert drawn.project.calibrate().parameters["Slope"].value == pytest.approx(3, rel=1e-9)
+
+
+def test_parameters_that_a_format_has_no_name_for_are_left_out_and_told(drawn, capsys):
+    model = Model("line")
+    model.inport("u")
+    model.block("Gain", "Times", Gain="Slope")
+    model.block("Bias", "Plus so much", Bias="1.5")
+    model.outport("y")
+    model.chain("u", "Times", "Plus so much", "y")
+    model.write(drawn.folder, DRAWN)
+    drawn.add('[parameters."Plus so much:Bias"]\ninitial = 0.0\n[calibration]\noutput = ["dcm", "cdfx", "m"]\n')
+    [warning] = said(drawn)
+    assert warning == (
+        "kennfeld.toml [calibration] output: dcm will leave out Plus so much:Bias: 'Plus so much:Bias' cannot be a "
+        "name in DCM: it must be one word without quotes. parameters.json holds every parameter."
+    )
+    path = drawn.folder / "kennfeld.toml"
+    assert drawn.project.path == path
+    assert cli.run(["calibrate", str(path)]) == 0
+    assert "'Plus so much:Bias' cannot be a name in DCM" in capsys.readouterr().err
+    results = drawn.folder / "results"
+    assert list(read(results / "parameters.dcm")) == ["Slope"]
+    for ending in ("json", "cdfx", "m"):
+        assert read(results / f"parameters.{ending}")["Plus so much:Bias"].value == pytest.approx(1.5, rel=1e-6)
+
+
+def test_info_shows_values_limits_and_the_ports_of_the_part(drawn, capsys):
+    model = Model("line")
+    model.inport("u", Unit="rpm")
+    inner = model.subsystem("Engine")
+    inner.inport("x", Unit="Nm")
+    inner.outport("power", Unit="W")
+    inner.block("Gain", "Gain", Gain="Slope")
+    inner.block("Lookup_n-D", "Eta", NumberOfTableDimensions="1", Table="[1 2 6]", BreakpointsForDimension1="[0 1 3]")
+    inner.chain("x", "Gain", "Eta", "power")
+    model.outport("y")
+    model.chain("u", "Engine", "y")
+    path = model.write(drawn.folder, DRAWN)
+    (drawn.folder / "init.m").write_text("Slope = 2.5;")
+    given = ["info", str(path), "--parameters", str(drawn.folder / "init.m")]
+    assert cli.run(given) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"Slope +scalar +2\.5 +init\.m", out)
+    assert re.search(r"Engine/Eta:Table +curve +3 +1 to 6 +a literal of the block, locked", out)
+    assert re.search(r"input +unit\nu +rpm", out)
+    assert cli.run([*given, "--subsystem", "Engine"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"input +unit\nx +Nm\n\noutput +unit\npower +W", out)
+    assert cli.run([*given, "--subsystem", "Motor"]) == 2
+    assert "it has no subsystem Motor" in capsys.readouterr().err
+    assert cli.run([*given, "--folder", str(drawn.folder / "libs")]) == 2
+    assert "libs: there is no such folder" in capsys.readouterr().err
+
+
+def test_info_says_how_a_block_is_bound_and_what_is_fixed(drawn, capsys):
+    model = Model("line")
+    model.inport("u")
+    model.block("S-Function", "Code", ports=(1, 1), FunctionName="f")
+    model.block("Gain", "Times", Gain="interp1([0 1], [2 4], Slope)")
+    model.outport("y")
+    model.chain("u", "Code", "Times", "y")
+    path = model.write(drawn.folder, DRAWN)
+    (drawn.folder / "init.m").write_text("Slope = 0.5;")
+    assert cli.run(["info", str(path), "--parameters", str(drawn.folder / "init.m")]) == 0
+    out = capsys.readouterr().out
+    assert 'Bind it: bind = { "Code" = "a channel or formula" }.' in out
+    assert "interp1([0 1], [2 4], Slope) is fixed, and so are the variables in it: " in out
+
+
+def test_a_model_without_outputs_names_the_subsystems_that_have_some(drawn):
+    model = Model("line")
+    inner = model.subsystem("Engine")
+    inner.inport("x")
+    path = model.write(drawn.folder, DRAWN)
+    with pytest.raises(InputError, match=r"nothing that records or shows a signal. Import a subsystem: Engine\."):
+        simulink(path)
+    with pytest.raises(InputError, match=r"Draw an outport\."):
+        simulink(Model("line").write(drawn.folder, DRAWN))
+
+
+def test_the_report_lists_the_scripts_that_a_model_has_its_values_from(drawn):
+    (drawn.folder / "init.m").write_text("Slope = 1;")
+    drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
+    roles = {one.name: one.role for one in sources(drawn.project)}
+    assert roles["init.m"] == "values of the model"
+    assert all(one.digest for one in sources(drawn.project))

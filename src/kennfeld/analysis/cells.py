@@ -75,7 +75,8 @@ def _sum(total: Float, lookup: Lookup, series: Series) -> None:
     cell, errors = lookup.cell[counts], errors[counts]
     total[0] += np.bincount(cell, minlength=total.shape[1])
     total[1] += np.bincount(cell, errors, minlength=total.shape[1])
-    total[2] += np.bincount(cell, errors * errors, minlength=total.shape[1])
+    with np.errstate(over="ignore"):  # a function that explodes
+        total[2] += np.bincount(cell, errors * errors, minlength=total.shape[1])
 
 
 def _by_dataset(series: Sequence[Series]) -> Mapping[tuple[str, Use], list[Series]]:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.graph import Builder, Graph
-from kennfeld.optimize.problem import Problem, Rejected
+from kennfeld.optimize.problem import Problem, Rejected, difference
 from kennfeld.optimize.scoring import Nodes
 from kennfeld.optimize.time_constants import time_constants
 from kennfeld.parameters import ParameterSet
@@ -43,28 +43,46 @@ class Reasons:
         self.names = [name for name in graph.names if name.isprintable() or name in self.lags]
         self.order = np.array([graph.names[name] for name in self.names])
         self.nodes = Nodes(graph, problem.parameters, self.names)
+        reached = _behind(graph, [graph.names[difference(i)] for i in range(len(problem.criteria))])
+        self.matters = np.array([graph.names[name] in reached for name in self.names])
 
     def of(self, parameters: ParameterSet) -> str:
-        """The first thing that goes wrong, as a clause."""
+        """The first thing that goes wrong, as a clause; what no criterion depends on comes last."""
+        found = self._first(parameters, self.matters)
+        return found or self._first(parameters, ~self.matters) or ANYWAY
+
+    def _first(self, parameters: ParameterSet, looked_at: Bool) -> str:
         for bound in self.problem.training:
             for at, values in self.nodes.blocks(bound, parameters):
-                found = next(self._wrong(values), None)
+                found = next(self._wrong(values, looked_at), None)
                 if found is not None:
                     name, column = found
                     return f"{name} at sample {bound.kept[at.start + column] + 1} of {bound.dataset.name}"
-        return ANYWAY
+        return ""
 
-    def _wrong(self, values: Float) -> Iterator[tuple[str, int]]:
+    def _wrong(self, values: Float, looked_at: Bool) -> Iterator[tuple[str, int]]:
         """What is wrong in a block of samples, and in which column: a negative time constant before all else."""
         for row, name in enumerate(self.names):
-            if name in self.lags and (below := values[row] < 0).any():
+            if looked_at[row] and name in self.lags and (below := values[row] < 0).any():
                 yield f"{self.lags[name]} was below 0", int(np.argmax(below))
-        broken = ~np.isfinite(values)
+        broken = ~np.isfinite(values) & looked_at[:, None]
         if broken.any():
             column = int(np.argmax(broken.any(axis=0)))
             rows = np.flatnonzero(broken[:, column])
             row = rows[np.argmin(self.order[rows])]
             yield f"{self.lags.get(self.names[row], self.names[row])} was no finite number", column
+
+
+def _behind(graph: Graph, ends: Sequence[int]) -> set[int]:
+    """The nodes that some nodes depend on, in earlier steps too."""
+    todo, seen = list(ends), set(ends)
+    while todo:
+        op, args, payload = graph.nodes[todo.pop()]
+        state = graph.states[payload] if op == "state" else None
+        more = {*args, *((state.init, state.next) if state is not None else ())} - seen
+        seen |= more
+        todo += more
+    return seen
 
 
 def _with_time_constants(graph: Graph) -> tuple[Graph, dict[str, str]]:

@@ -154,13 +154,14 @@ def _extended(model: Model, file: ProjectFile, findings: list[Finding]) -> Model
 def _with_node(model: Model, text: str, place: str, findings: list[Finding]) -> Model:
     if not text or text in model.graph.names:
         return model
-    if _NAME.fullmatch(text):
-        candidates = [name for name in model.graph.names if _NAME.fullmatch(name)]
-        mend = nearest(text, candidates) or f"It has {', '.join(candidates[-8:])}."
+    if around := _beside(model.graph, text):
+        mend = ("/" in text and nearest(text, around)) or f"Of {text.partition('/')[0]} it has {', '.join(around[:8])}."
         findings.append(Finding(place, f"{text} is no node of the function", mend))
         return model
-    if around := _beside(model.graph, text):
-        mend = nearest(text, around) or f"Of {text.partition('/')[0]} it has {', '.join(around[:8])}."
+    if _NAME.fullmatch(text):
+        candidates = [name for name in model.graph.names if _NAME.fullmatch(name)]
+        shown = list(model.graph.outputs[:12]) if model.values else candidates[-8:]
+        mend = nearest(text, candidates) or f"It has {', '.join(shown)}."
         findings.append(Finding(place, f"{text} is no node of the function", mend))
         return model
     try:

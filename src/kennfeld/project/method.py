@@ -1,6 +1,6 @@
 """Whether the method of the optimizer suits the problem."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from kennfeld.project.schema import ProjectFile
 __all__ = ["event_warning", "listed", "method_findings"]
 
 _NAMED = 4  # events that a warning names
+_SHOWN = 6  # and parameters
 
 
 def method_findings(file: ProjectFile, problem: Problem) -> list[Finding]:
@@ -41,9 +42,16 @@ def event_warning(file: ProjectFile, problem: Problem) -> list[Finding]:
     place = next((model.places[event.name] for event in found if event.name in model.places), model.source)
     names = dict.fromkeys(name for event in found for name in event.parameters)
     decide = "decides" if len(names) == 1 else "decide"
-    what = f"{listed(found)} when {', '.join(names)} {decide}, and derivatives do not see that"
-    mend = f'Write [optimizer] method = "global", and bounds for {", ".join(names)}.'
+    what = f"{listed(found)} when {_some(names)} {decide}, and derivatives do not see that"
+    values = sum(problem.parameters[name].size for name in names)
+    few = f"Free up to {FEW} values, and write" if values > FEW else "Write"
+    mend = f'{few} [optimizer] method = "global", and bounds for {_some(names) if values <= FEW else "them"}.'
     return [Finding(place, what, mend, severity="warning")]
+
+
+def _some(names: Collection[str]) -> str:
+    shown = list(names) if len(names) <= _SHOWN else list(names)[: _SHOWN - 1]
+    return ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(shown) < len(names) else "")
 
 
 def listed(found: Sequence[Event]) -> str:

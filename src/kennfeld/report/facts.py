@@ -35,6 +35,8 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
     file = project.file
     yield "project", file.path
     yield "model", _without_function(file.folder / file.model.file)
+    for name in file.model.parameters:
+        yield "values of the model", file.folder / name
     for name in file.surrogates.values():
         yield "surrogate", file.folder / name
     for name in file.calibration.initial:

@@ -56,7 +56,7 @@ def model_tables(found: Outline) -> list[Rows]:
     charts += [(path, kind, str(states), str(moves)) for path, kind, states, moves in found.charts]
     functions: Rows = [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in found.functions)]
     links: Rows = [("refers to", "type", "times", "from")]
-    links += [(c.source, c.type, str(c.count), c.found) for c in found.connections]
+    links += [(c.source, " ".join(c.type.split()), str(c.count), c.found) for c in found.connections]
     sources: Rows = [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in found.sources)]
     return [ports, outputs, inner, blocks, charts, functions, links, sources]
 
@@ -72,15 +72,9 @@ def import_tables(report: ImportReport) -> list[Rows]:
     valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
     missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
     missing += [
-        (
-            _listed([one.path for one in several], 1),
-            first.type,
-            first.why,
-            first.finding.mend,
-            "yes" if first.stops else "no",
-        )
+        (_listed([one.path for one in several], 1), one.type, one.why, one.finding.mend, "yes" if one.stops else "no")
         for several in report.groups
-        for first in several[:1]
+        for one in several[:1]
     ]
     parts: Rows = [("can be imported by itself", "blocks", "inputs", "outputs")]
     parts += [(one.path, str(one.blocks), ", ".join(one.inputs), ", ".join(one.outputs)) for one in report.subsystems]

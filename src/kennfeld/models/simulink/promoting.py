@@ -11,17 +11,7 @@ from kennfeld.models.simulink.weaving.registry import KINDS
 __all__ = ["misnamed"]
 
 _SHOWN = 8
-_OF_THE_DRAWING = {
-    "Position",
-    "ZOrder",
-    "Ports",
-    "SID",
-    "Name",
-    "FontSize",
-    "ShowName",
-    "BackgroundColor",
-    "NameLocation",
-}
+_OF_THE_DRAWING = {"Position", "ZOrder", "Ports", "SID", "Name", "FontSize", "ShowName", "BackgroundColor"}
 
 
 def misnamed(path: Path, names: Collection[str], system: System, flat: Flat, prefix: str) -> list[Finding]:
@@ -34,7 +24,8 @@ def _misnamed(path: Path, names: Collection[str], blocks: Mapping[str, Block]) -
         way, _, field = name.rpartition(":")
         block = blocks.get(way)
         if block is None:
-            mend = nearest(way, blocks) or f"Its blocks are {', '.join(list(blocks)[:_SHOWN])}."
+            having = [path for path, one in blocks.items() if field in _fields(one)] or list(blocks)
+            mend = nearest(way, having) or f"Blocks that have one: {', '.join(having[:_SHOWN])}."
             yield Finding(path.name, f"there is no block {way}, whose {field} is named a parameter", mend)
         elif block.chart is None and field not in (fields := _fields(block)):
             mend = nearest(field, fields) or f"Its fields are {', '.join(list(fields)[:_SHOWN])}."
@@ -53,7 +44,5 @@ def _fields(block: Block) -> dict[str, str]:
     masked = {one.name: one.expression for one in block.mask.parameters} if block.mask is not None else {}
     linked = dict(block.reference.parameters) if block.reference is not None else {}
     usual = dict(KINDS[block.type].defaults) if block.type in KINDS else {}
-    stated = {
-        name: text for name, text in {**block.defaults, **block.parameters}.items() if name not in _OF_THE_DRAWING
-    }
-    return {**masked, **linked, **usual, **stated}
+    found = {**masked, **linked, **usual, **block.defaults, **block.parameters}
+    return {name: text for name, text in found.items() if name not in _OF_THE_DRAWING}

@@ -109,7 +109,8 @@ class ImportReport:
     def told(self) -> tuple[str, ...]:
         """What somebody should know who calibrates the model."""
         substitutions = (one for one in self.substitutions if one != TYPES_LEFT)
-        return (*substitutions, *self.fixed, *self.remarks)
+        remarks = (one for one in self.remarks if not one.endswith("is passed over"))  # drawings of a script, and such
+        return (*substitutions, *self.fixed, *remarks)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -35,7 +35,8 @@ _CONTINUOUS = {
 class Stepping:
     """The `solver` and the `clock` of blocks whose model has these settings; `scope` is what the settings see.
 
-    `substitutions` say what takes the place of what the model asks for, `remarks` which settings have no value.
+    `substitutions` say what takes the place of what the model asks for, `remarks` which settings have no value. `found`
+    are those substitutions that tell of a step, which a step of the user's own makes void.
     """
 
     def __init__(self, settings: Solver, atoms: Sequence[Atom], expressions: Expressions, scope: Scope) -> None:
@@ -44,6 +45,7 @@ class Stepping:
         self.scope = scope
         self.substitutions: list[str] = []
         self.remarks: list[str] = []
+        self.found: list[str] = []
         continuous = any(atom.kind in _CONTINUOUS for atom in atoms)
         periods = _periods(atoms, expressions)
         name = settings.name
@@ -54,7 +56,7 @@ class Stepping:
             self._replace_solver(fixed)
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
-            self.substitutions.append(f"a variable step -> {step:g} s, the longest that hits all sample times")
+            self._instead(f"a variable step -> {step:g} s, the longest that hits all sample times")
         self.clock = Clock(step, continuous)
 
     def _replace_solver(self, fixed: bool) -> None:
@@ -81,10 +83,12 @@ class Stepping:
         step = common_step(periods)
         if step is None or step >= _LEAST_SHARE * min(periods):
             return step
-        self.substitutions.append(
-            f"no step hits all sample times: {min(periods):g} s is the shortest, others hit behind"
-        )
+        self._instead(f"no step hits all sample times: {min(periods):g} s is the shortest, others hit behind")
         return min(periods)
+
+    def _instead(self, sentence: str) -> None:
+        self.substitutions.append(sentence)
+        self.found.append(sentence)
 
     def _number(self, text: str) -> float | None:
         try:

@@ -75,7 +75,7 @@ class Work:
         if step is not None:
             if not 0 < step < math.inf:
                 raise ArgumentError(f"step={step!r} must be a time in s above 0")
-            self.substitutions.append(f"the step is {step:g} s, as asked for")
+            self.substitutions = [one for one in self.substitutions if one not in stepping.found]
             self.clock.step = step
 
     def _flat(self, counts: Mapping[str, int]) -> Flat:

@@ -57,7 +57,8 @@ class Walk:
                 return self._range(tree)
             case m.Call():
                 return self._call(tree)
-        raise BeyondGraphError(f"{type(tree).__name__} is none of what a graph can say")
+        word = "`end`" if isinstance(tree, m.End) else f"a {type(tree).__name__}"
+        raise BeyondGraphError(f"{word} in it is evaluated as a number")
 
     def nodes(self, tree: m.Expression) -> Nodes:
         """The nodes of an expression, Int[rows, columns]."""
