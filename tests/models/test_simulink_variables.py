@@ -96,7 +96,7 @@ def test_a_value_that_is_of_no_use_is_told_by_its_name(tmp_path, value):
 
 
 def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"lost.sldd: cannot be read"):
+    with pytest.raises(InputError, match=r"lost.sldd: there is no such file"):
         variables(tmp_path, given=[tmp_path / "lost.sldd"])
     own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
-    assert "lost.sldd: cannot be read" in str(variables_of(own, ()).findings[0])
+    assert "lost.sldd: there is no such file" in str(variables_of(own, ()).findings[0])
