@@ -106,47 +106,12 @@ def test_a_reset_is_one_of_the_state_or_of_the_output(setting, method, tmp_path)
         x = y + (T * u / 2 if method == "Trapezoidal" else 0.0)
 
 
-@pytest.mark.parametrize(
-    ("b", "a"), [([1.0], [1.0, 0.5]), ([0.2, 0.3], [1.0, -0.9, 0.3]), ([0.5, 0.1, 0.2], [2.0, -0.9, 0.3])]
-)
-def test_discrete_filters_are_those_of_scipy(b, a, tmp_path):
-    written = {"Numerator": str(b), "Denominator": str(a)}
-    padded = [0.0] * (len(a) - len(b)) + b
-    np.testing.assert_allclose(first("DiscreteFilter", tmp_path, **written), signal.lfilter(b, a, U), atol=1e-13)
-    found = first("DiscreteTransferFcn", tmp_path, **written)
-    np.testing.assert_allclose(found, signal.lfilter(padded, a, U), atol=1e-13)
-
-
-@pytest.mark.parametrize("kind", ["TransferFcn", "DiscreteTransferFcn"])
-def test_a_lag_with_a_named_time_constant_feeds_nothing_through(kind, tmp_path):
-    drawn = Model(step="0.1", solver="ode1")
-    drawn.inport("u")
-    drawn.block(kind, "Lag", ports=(1, 1), Numerator="[1]", Denominator="[tau 1]")
-    drawn.block("Sum", "S", ports=(2, 1), Inputs="+-")
-    drawn.outport("y")
-    drawn.line("u", "S:1")
-    drawn.chain("S", "Lag", "S:2")
-    drawn.line("Lag", "y")
-    model = imported(drawn, tmp_path, parameters=[{"tau": 2.0}])
-    found, y = run(model, {"u": U})["y"], 0.0
-    for k, u in enumerate(U):
-        assert found[k] == pytest.approx(y, abs=1e-12)
-        y = y + T * (u - 2 * y) / 2 if kind == "TransferFcn" else (u - 2 * y) / 2
-    exact, differences = slopes(model, {"u": U}, "tau", "y")
-    np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-8)
-
-
 def test_a_discrete_state_space_model_is_that_of_scipy(tmp_path):
     A, B, C, D = np.array([[0.5, 0.2], [-0.1, 0.9]]), np.array([[1.0], [0.5]]), np.array([[1.0, -1.0]]), 0.3
     found = first("DiscreteStateSpace", tmp_path, A="[0.5 0.2; -0.1 0.9]", B="[1; 0.5]", C="[1 -1]", D="0.3",
                   InitialCondition="[1 2]", SampleTime="0.1")  # fmt: skip
     expected = signal.dlsim((A, B, C, np.array([[D]]), T), U, x0=[1, 2])[1][:, 0]
     np.testing.assert_allclose(found, expected, atol=1e-13)
-
-
-def test_a_fir_filter(tmp_path):
-    found = first("DiscreteFir", tmp_path, Coefficients="[0.5 0.25 -1]")
-    np.testing.assert_allclose(found, signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
 
 
 @pytest.mark.parametrize("mode", ["continuous", "inherited"])
@@ -215,50 +180,6 @@ def test_discrete_blocks_of_the_library(tmp_path):
 
 def test_an_initial_condition_counts_in_the_first_step_alone(tmp_path):
     np.testing.assert_array_equal(first("InitialCondition", tmp_path, Value="9"), [9, *U[1:]])
-
-
-def test_sources(tmp_path):
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    blocks = [
-        ("Clock", {}),
-        ("Step", {"Time": "0.5", "Before": "1", "After": "4"}),
-        ("Sin", {"Amplitude": "2", "Frequency": "3", "Phase": "0.5", "Bias": "1"}),
-        ("DiscretePulseGenerator", {"PulseType": "Time based", "Period": "0.6", "PulseWidth": "50", "PhaseDelay": "0.2",
-                                    "Amplitude": "5"}),
-        ("DiscretePulseGenerator", {"Period": "4", "PulseWidth": "1", "SampleTime": "0.1"}),
-    ]  # fmt: skip
-    for number, (kind, parameters) in enumerate(blocks):
-        drawn.block(kind, f"B{number}", ports=(0, 1), **parameters)
-        drawn.outport(f"y{number}")
-        drawn.line(f"B{number}", f"y{number}")
-    drawn.link("R", "simulink/Sources/Ramp", "Ramp", ports=(0, 1), slope="2", start="0.5", InitialOutput="1")
-    drawn.outport("r")
-    drawn.line("R", "r")
-    found = run(imported(drawn, tmp_path), samples=14)
-    k = np.arange(14)
-    np.testing.assert_allclose(found["y0"], 0.1 * k)
-    np.testing.assert_array_equal(found["y1"], np.where(k >= 5, 4, 1))
-    np.testing.assert_allclose(found["y2"], 2 * np.sin(0.3 * k + 0.5) + 1)
-    np.testing.assert_array_equal(found["y3"], np.where((k >= 2) & ((k - 2) % 6 < 3), 5, 0))
-    np.testing.assert_array_equal(found["y4"], k % 4 < 1)
-    np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
-
-
-@pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
-def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
-    drawn = Model(step="0.01", solver="FixedStepDiscrete")
-    scale = 1.0 if units == "Hertz" else 2 * np.pi
-    for form in ("sine", "square"):
-        drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
-                    Units=units)  # fmt: skip
-        drawn.outport(f"y {form}")
-        drawn.line(form, f"y {form}")
-    model = imported(drawn, tmp_path, parameters=[{"A": 2.5}])
-    found, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
-    np.testing.assert_allclose(found["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
-    np.testing.assert_array_equal(found["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
-    exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
-    np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
 @pytest.mark.parametrize("delay", [0.1, 0.25, 0.3, 1.0])

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import signal
 from simulink_files import Model
-from simulink_runs import alone, imported, run, slopes
+from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
 
@@ -88,29 +87,6 @@ def test_a_controller_with_an_input_for_its_derivative_is_refused(tmp_path):
     given = {"TimeDomain": "Discrete-time", "UseExternalDerivativeSource": "on"}
     with pytest.raises(InputError, match="UseExternalDerivativeSource is 'on'"):
         imported(alone("Reference", 2, special="PID 1dof", **given), tmp_path)
-
-
-@pytest.mark.parametrize("kind", ["DiscreteFilter", "DiscreteTransferFcn"])
-def test_the_states_of_a_filter_are_those_behind_its_leading_coefficient(kind, tmp_path):
-    b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
-    model = imported(alone(kind, Numerator=str(b), Denominator=str(a), InitialStates="[s 3]"), tmp_path,
-                     parameters=[{"s": -1.5}])  # fmt: skip
-    found = run(model, {"u1": U})["y1"]
-    states = [-1.5, 3.0]
-    for k, u in enumerate(U):
-        w = (u - a[1] * states[0] - a[2] * states[1]) / a[0]
-        assert found[k] == pytest.approx(b[0] * w + b[1] * states[0] + b[2] * states[1], abs=1e-13), k
-        states = [w, states[0]]
-    exact, differences = slopes(model, {"u1": U}, "s", "y1")
-    np.testing.assert_allclose(exact, differences, atol=1e-9)
-
-
-def test_structures_are_the_same_filter_from_rest(tmp_path):
-    b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
-    expected = signal.lfilter(b, a, U)
-    for structure in ("Direct form I", "Direct form I transposed", "Direct form II", "Direct form II transposed"):
-        drawn = alone("DiscreteFilter", Numerator=str(b), Denominator=str(a), FilterStructure=structure)
-        np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], expected, atol=1e-13)
 
 
 def test_the_inverse_hyperbolic_sine_of_large_numbers(tmp_path):

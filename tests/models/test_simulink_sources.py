@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run
+from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
 
@@ -114,3 +114,47 @@ def test_a_signal_of_the_model_may_drive_continuous_states(tmp_path):
     drawn.outport("y")
     drawn.chain("F", "I", "y")
     np.testing.assert_allclose(run(imported(drawn, tmp_path), samples=COUNT)["y"], TIME**2, atol=1e-7)
+
+
+def test_sources(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    blocks = [
+        ("Clock", {}),
+        ("Step", {"Time": "0.5", "Before": "1", "After": "4"}),
+        ("Sin", {"Amplitude": "2", "Frequency": "3", "Phase": "0.5", "Bias": "1"}),
+        ("DiscretePulseGenerator", {"PulseType": "Time based", "Period": "0.6", "PulseWidth": "50", "PhaseDelay": "0.2",
+                                    "Amplitude": "5"}),
+        ("DiscretePulseGenerator", {"Period": "4", "PulseWidth": "1", "SampleTime": "0.1"}),
+    ]  # fmt: skip
+    for number, (kind, parameters) in enumerate(blocks):
+        drawn.block(kind, f"B{number}", ports=(0, 1), **parameters)
+        drawn.outport(f"y{number}")
+        drawn.line(f"B{number}", f"y{number}")
+    drawn.link("R", "simulink/Sources/Ramp", "Ramp", ports=(0, 1), slope="2", start="0.5", InitialOutput="1")
+    drawn.outport("r")
+    drawn.line("R", "r")
+    found = run(imported(drawn, tmp_path), samples=14)
+    k = np.arange(14)
+    np.testing.assert_allclose(found["y0"], 0.1 * k)
+    np.testing.assert_array_equal(found["y1"], np.where(k >= 5, 4, 1))
+    np.testing.assert_allclose(found["y2"], 2 * np.sin(0.3 * k + 0.5) + 1)
+    np.testing.assert_array_equal(found["y3"], np.where((k >= 2) & ((k - 2) % 6 < 3), 5, 0))
+    np.testing.assert_array_equal(found["y4"], k % 4 < 1)
+    np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
+def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
+    drawn = Model(step="0.01", solver="FixedStepDiscrete")
+    scale = 1.0 if units == "Hertz" else 2 * np.pi
+    for form in ("sine", "square"):
+        drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
+                    Units=units)  # fmt: skip
+        drawn.outport(f"y {form}")
+        drawn.line(form, f"y {form}")
+    model = imported(drawn, tmp_path, parameters=[{"A": 2.5}])
+    found, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
+    np.testing.assert_allclose(found["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
+    np.testing.assert_array_equal(found["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
+    np.testing.assert_allclose(exact, differences, atol=1e-8)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from kennfeld.models.simulink.blocktypes.continuous import rational
-from kennfeld.models.simulink.blocktypes.discrete import direct_form
+from kennfeld.models.simulink.blocktypes.filters import direct_form
 from kennfeld.models.simulink.expressions.signals import Signal, Wired
 from kennfeld.models.simulink.flattening.atoms import is_triggered
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block

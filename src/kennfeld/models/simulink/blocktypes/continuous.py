@@ -9,7 +9,17 @@ from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, s
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
 
-__all__ = ["applied", "matrices", "passes", "rational", "reset_signal", "resetting", "scaled", "with_saturation"]
+__all__ = [
+    "applied",
+    "fed_through",
+    "matrices",
+    "passes",
+    "rational",
+    "reset_signal",
+    "resetting",
+    "scaled",
+    "with_saturation",
+]
 
 
 def resetting(site: Site) -> str:
@@ -115,7 +125,7 @@ def scaled(site: Site, node: int, lead: int) -> int:
     return node if site.loom.value(node) == 0 else site.loom.call("div", node, lead)
 
 
-@block("StateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
+@block("StateSpace", needs=lambda site: fed_through(site), A="1", B="1", C="1", D="1", InitialCondition="0",
        X0="0")  # fmt: skip
 def state_space(site: Site) -> Wired:
     """The state space model x' = A x + B u, y = C x + D u."""
@@ -123,7 +133,8 @@ def state_space(site: Site) -> Wired:
     return _state_space(site, A, B, C, D, first)
 
 
-def _direct(site: Site) -> Iterable[int]:
+def fed_through(site: Site) -> tuple[int, ...]:
+    """The input of a state space model, where its output depends on it within the step."""
     return (0,) if any(site.loom.value(int(node)) != 0 for node in site.matrix("D").ravel()) else ()
 
 

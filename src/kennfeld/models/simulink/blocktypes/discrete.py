@@ -4,17 +4,16 @@ from collections.abc import Iterable
 
 from kennfeld.models.simulink.blocktypes.continuous import (
     applied,
+    fed_through,
     matrices,
-    passes,
     reset_signal,
     resetting,
-    scaled,
     with_saturation,
 )
-from kennfeld.models.simulink.expressions.signals import CONSTANT, Signal, Wired, scalar
+from kennfeld.models.simulink.expressions.signals import Signal, Wired
 from kennfeld.models.simulink.flattening.atoms import is_triggered
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block, nothing
-from kennfeld.models.simulink.weaving.site import Site, Then
+from kennfeld.models.simulink.weaving.site import Site
 
 
 @block("UnitDelay", needs=nothing, InitialCondition="0", SampleTime="1")
@@ -125,133 +124,14 @@ def _begins(site: Site, reset: Signal | None) -> Signal:
     return first if reset is None else site.call("or", first, reset)
 
 
-def _first_order(site: Site) -> Iterable[int]:
-    """A transfer function passes its input through where its numerator has the order of its denominator."""
-    return range(0 if passes(site) else 1, site.count)
-
-
-def _filter_needs(site: Site) -> Iterable[int]:
-    """A filter passes its input through unless the first coefficient of its numerator is 0."""
-    return range(1 if site.loom.value(int(site.matrix("Numerator").ravel()[0])) == 0 else 0, site.count)
-
-
-@block("DiscreteTransferFcn", needs=_first_order, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
-       NumeratorSource="Dialog", DenominatorSource="Dialog", InitialStatesSource="Dialog", ExternalReset="None",
-       FilterStructure="Direct form II", SampleTime="-1")  # fmt: skip
-def discrete_transfer_function(site: Site) -> Wired:
-    """b(z)/a(z) in powers of z, the highest first."""
-    b, a = _coefficients(site)
-    if b.size > a.size:
-        raise UnsupportedError("the order of its numerator is above that of its denominator")
-    zero = site.loom.const(0.0)
-    return _filtered(site, [zero] * (a.size - b.size) + b.flat, a.flat)
-
-
-@block("DiscreteFilter", needs=_filter_needs, Numerator="[1]", Denominator="[1 0.5]", InitialStates="0",
-       NumeratorSource="Dialog", DenominatorSource="Dialog", InitialStatesSource="Dialog", ExternalReset="None",
-       FilterStructure="Direct form II", SampleTime="-1")  # fmt: skip
-def discrete_filter(site: Site) -> Wired:
-    """b/a in powers of 1/z, the lowest first."""
-    b, a = _coefficients(site)
-    size = max(b.size, a.size)
-    zero = site.loom.const(0.0)
-    return _filtered(site, b.flat + [zero] * (size - b.size), a.flat + [zero] * (size - a.size))
-
-
-_FIR_STRUCTURES = (
-    "Direct form", "Direct form symmetric", "Direct form antisymmetric", "Direct form transposed",
-)  # fmt: skip
-
-
-@block("DiscreteFir", Coefficients="[0.5 0.5]", InitialStates="0", CoefSource="Dialog", ExternalReset="None",
-       FilterStructure="Direct form", ShowEnablePort="off", SampleTime="-1")  # fmt: skip
-def fir_filter(site: Site) -> Wired:
-    """B in powers of 1/z, the lowest first."""
-    site.chosen("CoefSource", "Dialog", "Dialog parameters")
-    kind = site.chosen("FilterStructure", *_FIR_STRUCTURES)
-    _check_starts(site, kind != "Direct form transposed")
-    if site.on("ShowEnablePort"):
-        raise UnsupportedError("it has an enable port")
-    b = _row(site, "Coefficients").flat
-    return _filtered(site, b, [site.loom.const(1.0)] + [site.loom.const(0.0)] * (len(b) - 1))
-
-
-def _coefficients(site: Site) -> tuple[Signal, Signal]:
-    site.chosen("NumeratorSource", "Dialog")
-    site.chosen("DenominatorSource", "Dialog")
-    site.chosen("InitialStatesSource", "Dialog")
-    _check_starts(site, site.text("FilterStructure") == "Direct form II")
-    return _row(site, "Numerator"), _row(site, "Denominator")
-
-
-def _row(site: Site, name: str) -> Signal:
-    """The coefficients of one filter."""
-    found = site.parameter(name)
-    if found.nodes.ndim > 1:
-        raise UnsupportedError(f"its {name} is a matrix of {found.shape[0]} filters")
-    return found
-
-
-def _check_starts(site: Site, known: bool) -> None:
-    """Raise `UnsupportedError` where states begin with values in a structure whose states are others than here."""
-    if not known and any(site.loom.value(node) != 0 for node in site.parameter("InitialStates").flat):
-        raise UnsupportedError(f"its states in the {site.text('FilterStructure').lower()} have initial values")
-
-
-def _filtered(site: Site, b: list[int], a: list[int]) -> Signal:
-    kind = resetting(site)
-    anew = reset_signal(site, site.input(1), kind) if kind != "none" else None
-    return direct_form(site, b, a, site.parameter("InitialStates"), anew)
-
-
-def direct_form(site: Site, b: list[int], a: list[int], inits: Signal, anew: Signal | None = None) -> Signal:
-    """Direct form II: states w of the hits before, w = u - a1 w1 - ..., y = b0 w + b1 w1 + ..., for each element.
-
-    The coefficients are those over a0, w is a0 times the state. `inits` are the states at first, and where they begin
-    `anew`.
-    """
-    order = len(a) - 1
-    lead = a[0]
-    a, b = ([scaled(site, node, lead) for node in one] for one in (a, b))
-    if inits.size not in (1, order) and order:
-        raise UnsupportedError(f"it has {inits.size} initial states for an order of {order}")
-    starts = [site.loom.call("mul", lead, node) for node in inits.flat]
-    first = [scalar(node) for node in starts] * (order if inits.size == 1 else 1)
-    made: list[Signal] = []
-    states: list[Signal] = []
-
-    def following(at: int) -> Then:
-        return lambda _: current() if at == 0 else states[at - 1]
-
-    def current() -> Signal:
-        if not made:
-            w = site.discrete(site.input())
-            for node, state in zip(a[1:], states, strict=True):
-                w = site.call("sub", w, site.call("mul", scalar(node, CONSTANT), state))
-            made.append(w)
-        return made[0]
-
-    states += [site.remember(first[at], following(at)) for at in range(order)]
-    if anew is not None:
-        states[:] = [site.select(anew, one, state) for one, state in zip(first, states, strict=True)]
-    terms = [site.call("mul", scalar(node, CONSTANT), state) for node, state in zip(b[1:], states, strict=True)]
-    if site.loom.value(b[0]) != 0:
-        terms.insert(0, site.call("mul", scalar(b[0], CONSTANT), current()))
-    return site.fold("add", terms) if terms else site.constant(0.0)
-
-
-@block("DiscreteStateSpace", needs=lambda site: _direct(site), A="1", B="1", C="1", D="1", InitialCondition="0",
+@block("DiscreteStateSpace", needs=lambda site: fed_through(site), A="1", B="1", C="1", D="1", InitialCondition="0",
        X0="0", SampleTime="1")  # fmt: skip
 def discrete_state_space(site: Site) -> Wired:
     """The state space model x of the next hit = A x + B u, y = C x + D u."""
     A, B, C, D, first = matrices(site)
     x = site.remember(first, lambda x: site.call("add", applied(site, A, x), applied(site, B, site.input())))
     y = applied(site, C, x)
-    return site.call("add", y, applied(site, D, site.input())) if _direct(site) else y
-
-
-def _direct(site: Site) -> tuple[int, ...]:
-    return (0,) if any(site.loom.value(int(node)) != 0 for node in site.matrix("D").ravel()) else ()
+    return site.call("add", y, applied(site, D, site.input())) if fed_through(site) else y
 
 
 @block("Discrete Derivative", gainval="1.0", ICPrevScaledInput="0.0")
