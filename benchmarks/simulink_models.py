@@ -13,6 +13,7 @@ from typing import Any
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.parts import inspect_simulink
+from kennfeld.models.simulink.report import ImportReport
 
 
 def row(path: Path, given: dict[str, Any], beside: Path) -> str:
@@ -20,7 +21,7 @@ def row(path: Path, given: dict[str, Any], beside: Path) -> str:
     parameters = [*(beside / name for name in given.get("files", ())), given.get("values", {})]
     folders = [beside / name for name in given.get("folders", ())]
     try:
-        report = import_simulink(path, parameters=parameters, bind=given.get("bind"), folders=folders).report
+        report = _bound(path, parameters, folders, given.get("bind"))
         parts = () if report.whole else inspect_simulink(path, parameters=parameters, folders=folders).subsystems
     except InputError as error:
         return f"| {path.name} | refused | | {error.findings[0]} | |"
@@ -29,6 +30,14 @@ def row(path: Path, given: dict[str, Any], beside: Path) -> str:
     largest = f"{parts[0].path} ({parts[0].blocks} blocks)" if parts else ""
     kind = "whole" if report.whole else "partial"
     return f"| {path.name} | {kind} | {report.supported} of {report.total} | {told} | {largest} |"
+
+
+def _bound(path: Path, parameters: list[Any], folders: list[Path], bind: dict[str, str] | None) -> ImportReport:
+    """The report on a file with blocks replaced; without them where it cannot be built at all."""
+    try:
+        return import_simulink(path, parameters=parameters, bind=bind, folders=folders).report
+    except InputError:
+        return inspect_simulink(path, parameters=parameters, folders=folders)
 
 
 def main() -> None:

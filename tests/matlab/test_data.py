@@ -175,4 +175,4 @@ def test_arrays_that_simulink_wrote_are_read(name):
 def test_data_that_matlab_wrote_are_values():
     found = variables_of((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
     assert found
-    assert all(class_of(value) for value in found.values())
+    assert {class_of(value) for value in found.values()} <= {"double", "struct", "cell", "char", "single", "logical"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from simulink_data import Thing, matfile
+from simulink_data import Thing, entry, matfile, sldd
 from simulink_files import Model
 
 from kennfeld.errors import InputError
@@ -99,4 +99,14 @@ def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_tol
     with pytest.raises(InputError, match=r"lost.sldd: there is no such file"):
         variables(tmp_path, given=[tmp_path / "lost.sldd"])
     own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
-    assert "lost.sldd: there is no such file" in str(variables_of(own, ()).findings[0])
+    assert "lost.sldd: cannot be read" in str(variables_of(own, ()).findings[0])
+
+
+def test_a_model_leads_to_no_dictionary_elsewhere(tmp_path):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "data.sldd").write_bytes(sldd({"K": entry(1.0)}))
+    for name in ("../data.sldd", str(tmp_path / "data.sldd")):
+        drawn = document(Model(dictionary=name).written("slx parts"), tmp_path / "m" / "m.slx")
+        found = variables_of(drawn, ())
+        assert "K" not in found
+        assert "is not beside the model" in str(found.findings[0])

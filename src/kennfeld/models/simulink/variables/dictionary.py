@@ -14,7 +14,7 @@ import numpy as np
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError
 from kennfeld.matlab.tree import DamageError
-from kennfeld.models.simulink.files.package import Package, is_zip, zip_package
+from kennfeld.models.simulink.files.package import is_zip, zip_package
 from kennfeld.models.simulink.files.section import Section
 from kennfeld.models.simulink.files.settings import solver_from
 from kennfeld.models.simulink.files.tree import Solver
@@ -53,6 +53,18 @@ class Dictionary:
     types: tuple[str, ...] = ()
     enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
+    def over(self, further: "Dictionary") -> "Dictionary":
+        """This dictionary with what a further one holds besides; of two entries of one name its own wins."""
+        return replace(
+            self,
+            data=Data(
+                {**further.data.entries, **self.data.entries}, {**further.data.unreadable, **self.data.unreadable}
+            ),
+            solvers={**further.solvers, **self.solvers},
+            types=tuple(dict.fromkeys((*self.types, *further.types))),
+            enumerations={**further.enumerations, **self.enumerations},
+        )
+
 
 _ENUMERATION = "Simulink.data.dictionary.EnumTypeDefinition"
 _TYPE_CLASSES = frozenset(
@@ -78,62 +90,57 @@ def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
     itself is no dictionary.
     """
     path = Path(path)
-    read = _one(path)
-    if not follow:
-        return read
-    seen, waiting = {path.resolve()}, [(path.parent, name) for name in read.references]
-    entries, unreadable, solvers = dict(read.data.entries), dict(read.data.unreadable), dict(read.solvers)
-    types, enumerations = dict.fromkeys(read.types), dict(read.enumerations)
+    read, seen = _one(path), {path.resolve()}
+    waiting = [(path.parent, name) for name in read.references] if follow else []
     while waiting:
         folder, name = waiting.pop(0)
         file = folder / name
-        if Path(name).name != name or not file.is_file():
-            unreadable.setdefault(name, "this dictionary, which the other refers to, is not beside it")
-            continue
         if file.resolve() in seen:
             continue
         seen.add(file.resolve())
+        further = _referred(file, name)
+        read = read.over(further)
+        waiting += [(folder, reference) for reference in further.references]
+    return read
+
+
+def _referred(file: Path, name: str) -> Dictionary:
+    """A dictionary that another one refers to; where it cannot be read, one without entries that says why."""
+    why = "this dictionary, which the other refers to, is not beside it"
+    if Path(name).name == name and file.is_file():
         try:
-            further = _one(file)
+            return _one(file)
         except InputError as error:
-            unreadable.setdefault(name, f"this dictionary, which the other refers to: {error.findings[0].what}")
-            continue
-        entries = {**further.data.entries, **entries}
-        unreadable = {**further.data.unreadable, **unreadable}
-        solvers = {**further.solvers, **solvers}
-        types |= dict.fromkeys(further.types)
-        enumerations = {**further.enumerations, **enumerations}
-        waiting += [(file.parent, reference) for reference in further.references]
-    data = Data(entries, unreadable)
-    return replace(read, data=data, solvers=solvers, types=tuple(types), enumerations=enumerations)
+            why = f"this dictionary, which the other refers to: {error.findings[0].what}"
+    return Dictionary(file, Data({}, {name: why}))
 
 
 def _one(path: Path) -> Dictionary:
+    """The dictionary in a file alone; raises `InputError` where it is none."""
     trouble = Trouble(path.name)
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
-    if not is_zip(raw):
-        if is_text_dictionary(raw):
-            roots = text_chunks(raw, trouble)
-            trouble.settle()
-            return _dictionary(path, roots)
+    if not is_zip(raw) and not is_text_dictionary(raw):
         raise InputError.of(path.name, "is no data dictionary", _MEND)
+    roots = _packed(raw, trouble) if is_zip(raw) else text_chunks(raw, trouble)
+    trouble.settle()
+    return _dictionary(path, roots)
+
+
+def _packed(raw: bytes, trouble: Trouble) -> list[Section]:
+    """The chunks in a zip; what is wrong is noted."""
     package = zip_package(raw, trouble)
     chunks = sorted(name for name in package.names() if name.startswith("data/chunk") and name.endswith(".xml"))
     if not chunks and not trouble.errors:
         trouble.error("", "is no data dictionary: it has no part data/chunk0.xml", _MEND)
-    read = [_chunk(package, name) for name in chunks]
-    trouble.settle()
-    return _dictionary(path, [root for root in read if root is not None])
-
-
-def _chunk(package: Package, name: str) -> Section | None:
-    return package.section(name, fold=False)
+    read = [package.section(name, fold=False) for name in chunks]
+    return [root for root in read if root is not None]
 
 
 def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
+    """The dictionary of its chunks: entries that are data, types or configurations, and references."""
     entries: dict[str, Entry] = {}
     unreadable: dict[str, str] = {}
     references: list[str] = []
@@ -148,12 +155,11 @@ def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
             continue
         name, given = _stated(said, "Name"), said["Value"]
         classes = _classes(given)
-        if any(found in _NOT_DATA for found in classes):
+        if not classes.isdisjoint(_NOT_DATA):
             solvers[name] = solver_from(given)
-        elif any(found in _TYPE_CLASSES for found in classes):
+        elif not classes.isdisjoint(_TYPE_CLASSES):
             types.append(name)
-            if _ENUMERATION in classes:
-                enumerations[name] = enumerals(given)
+            enumerations |= {name: enumerals(given)} if _ENUMERATION in classes else {}
         else:
             _add(name, given, entries, unreadable)
     return Dictionary(path, Data(entries, unreadable), tuple(references), solvers, tuple(types), enumerations)
@@ -180,9 +186,9 @@ def _stated(said: Mapping[str, Section], key: str) -> str:
     return said[key].text if key in said else ""
 
 
-def _classes(value: Section) -> list[str]:
+def _classes(value: Section) -> set[str]:
     """The class of a value, written at it or at what it holds."""
-    return [part.keys.get("Class", "") for part in (value, *value.all("Element"))]
+    return {part.keys.get("Class", "") for part in (value, *value.all("Element"))}
 
 
 def _value(section: Section, depth: int = 0) -> Value:

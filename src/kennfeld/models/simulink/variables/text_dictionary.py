@@ -15,7 +15,10 @@ __all__ = ["is_text_dictionary", "text_chunks"]
 
 _PARTS, _PART, _CONTENT = "__MW_TEXT_PARTS__", "__MW_TEXT_PART__/data/chunk", "__MW_TEXT_content"
 _MATRIX = re.compile(r"\s*Matrix\((\d{1,9}),(\d{1,9})\)(.*)", re.DOTALL)
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|inf|nan)", re.IGNORECASE)
+_NUMBER = re.compile(  # with the mark of its class behind it, `60000U` or `2.5F`
+    r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|inf|nan|true|false))[UFL]*", re.IGNORECASE
+)
+_BETWEEN = re.compile(r"[\s,;\[\]]*")  # what stands between the numbers of a matrix
 _HEAD = 65536
 
 
@@ -75,10 +78,10 @@ def _value(name: str, value: Any) -> Section:
 
 
 def _listed(name: str, values: list[Any]) -> Section:
-    """A row of numbers, or a text that is a string."""
-    if values and all(isinstance(one, str) for one in values):
-        if len(values) == 1:
-            return _section(name, "string", values[0])
+    """A row of numbers, a text that is a string, or a cell array of anything else."""
+    if len(values) == 1 and isinstance(values[0], str):
+        return _section(name, "string", values[0])
+    if not all(isinstance(one, int | float) for one in values):
         return _section(name, "cell", "", "", [_value("", one) for one in values])
     numbers = " ".join(repr(float(one)) for one in values)
     return _section(name, "double", numbers, f"1*{len(values)}" if values else "0*0")
@@ -108,9 +111,15 @@ def _properties(kind: str, properties: Mapping[str, Any]) -> Section:
 
 
 def _typed(name: str, kind: str, written: str) -> Section:
-    """Numbers with their class: row by row in the file, column by column in a section."""
+    """Numbers with their class: row by row in the file, column by column in a section.
+
+    What holds more than numbers stays as it is written, for others to refuse.
+    """
     found = _MATRIX.match(written)
-    numbers = _NUMBER.findall(found[3] if found else written)
+    body = found[3] if found else written
+    if not _BETWEEN.fullmatch(_NUMBER.sub("", body)):
+        return _section(name, kind, body)
+    numbers = [number.lower() for number in _NUMBER.findall(body)]
     if found is None:
         return _section(name, kind, " ".join(numbers), "" if len(numbers) == 1 else f"1*{len(numbers)}")
     rows, columns = int(found[1]), int(found[2])

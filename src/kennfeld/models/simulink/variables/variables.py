@@ -31,11 +31,7 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     them; values of calibration files and parameter sets go over all. Findings tell what could not be read.
     """
     found = Variables()
-    for name in document.enumerations:
-        enumeration = beside(document.path.parent, name)
-        found.update({name: enumeration} if enumeration is not None else {})
-    for name in document.dictionaries:
-        _dictionary(found, document.path.parent / name)
+    _beside(found, document)
     over: list[ParameterSet] = []
     _callbacks(found, document)
     for one in given:
@@ -50,6 +46,20 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     found.strangers = ParameterSet(one for name, one in given_over.items() if name.partition(".")[0] not in found)
     found.update({name: _with(found.get(name), parameter) for name, parameter in given_over.items()})
     return found
+
+
+def _beside(found: Variables, document: Document) -> None:
+    """Take the enumerations and the data dictionaries that lie beside a model; a path could name any other file."""
+    folder = document.path.parent
+    for name in document.enumerations:
+        enumeration = beside(folder, name)
+        found.update({name: enumeration} if enumeration is not None else {})
+    for name in document.dictionaries:
+        if Path(name).name == name:
+            _dictionary(found, folder / name)
+        else:
+            place = f"{document.name} {name[:80]}"
+            found.findings.append(Finding(place, "the data dictionary is not beside the model"))
 
 
 def _plain(given: Mapping[str, object]) -> dict[str, Value]:
