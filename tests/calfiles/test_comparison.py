@@ -131,3 +131,18 @@ def test_a_file_without_variants_is_compared_with_what_counts_in_the_other():
 def test_a_difference_names_the_function_that_uses_the_label():
     left, right = (ParameterSet([Scalar("K", value, functions=["F", "G"])]) for value in (1, 2))
     assert compare(left, right).differences[0].as_json["function"] == "F"
+
+
+def test_a_block_of_a_script_is_compared_with_the_table_of_its_numbers():
+    block, table = Block("M", [[1, 2], [3, 4]]), Map("M", Axis([1000, 2000]), Axis([10, 20]), [[1, 2], [3, 9]])
+    kind, values = differences(block, table)
+    assert (kind.aspect, values.aspect) == ("kind", "values")
+    assert (values.largest, values.place) == (5.0, "x = 2000, y = 20")
+    assert [one.aspect for one in differences(block, table.changed(values=np.array([[1, 2], [3, 4.0]])))] == ["kind"]
+    assert [one.aspect for one in differences(Block("C", [1, 2, 3]), Curve("C", Axis([1, 2]), [1, 2]))] == ["kind"]
+
+
+def test_a_block_of_a_script_is_compared_with_the_group_axis_of_its_name():
+    script = ParameterSet([Block("Speed", [1000.0, 2500.0])])
+    found = [one for one in differences(script, ParameterSet([Curve("C", SPEED, [1, 2])])) if one.name == "Speed"]
+    assert [(one.aspect, one.largest) for one in found] == [("kind", None), ("values", 500.0)]

@@ -83,3 +83,13 @@ def test_the_data_beyond_an_axis_are_counted_with_and_without_memory(shop, state
     if states:
         shop.text = shop.text.replace("Gain(Speed)", "Gain(prev(Speed, Speed))")
     assert "83% of" in shop.warning() if not states else "lie beyond the axis" in shop.warning()
+
+
+def test_a_group_axis_that_no_table_names_is_told(shop):
+    shop.add("[axes.AxisSpeed]\ninput = 'Speed'\ncount = 3\n")
+    assert shop.warning() == (
+        "kennfeld.toml [axes.AxisSpeed]: no table of this file names the axis. "
+        'Write x = { axis = "AxisSpeed" } under [parameters.NAME] of each table on it.'
+    )
+    shop.add("[parameters.Gain]\nx = { axis = 'AxisSpeed' }\n")
+    assert shop.warnings() == []

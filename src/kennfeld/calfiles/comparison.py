@@ -153,7 +153,26 @@ def _differences(one: _Thing, other: _Thing, allowed: Tolerance) -> list[Differe
         return list(_axis_differences(one.name, "", one, other, allowed))
     if isinstance(one, Parameter) and isinstance(other, Parameter) and one.kind == other.kind:
         return list(_member_differences(one, other, allowed))
-    return [Difference(one.name, "kind", _described(one), _described(other))]
+    return [
+        Difference(one.name, "kind", _described(one), _described(other)),
+        *_block_differences(one, other, allowed),
+    ]
+
+
+def _block_differences(one: _Thing, other: _Thing, allowed: Tolerance) -> Iterator[Difference]:
+    """The values where one file has a table or axis, and the other, a script, a block of its numbers alone."""
+    left, right = _numbers(one), _numbers(other)
+    if left is None or right is None or left.shape != right.shape:
+        return
+    if any(isinstance(thing, Parameter) and thing.kind == "block" for thing in (one, other)):
+        axes = next((thing.axes for thing in (one, other) if isinstance(thing, Parameter) and thing.axes), ())
+        yield from _number_differences(one.name, "values", left, right, allowed, axes)
+
+
+def _numbers(thing: _Thing) -> Float | None:
+    if isinstance(thing, Axis):
+        return thing.breakpoints
+    return thing.values if isinstance(thing, Parameter) else None
 
 
 def _member_differences(one: Parameter, other: Parameter, allowed: Tolerance) -> Iterator[Difference]:

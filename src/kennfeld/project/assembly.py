@@ -97,6 +97,7 @@ class _Assembling:
         unknown = initial is None or (self.function is None and is_drawn(file))
         tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
+        self._check_group_axes()
         self._check_datasets()
         self._check_shifts()
         if tables is not None and self.function is not None:
@@ -279,6 +280,14 @@ class _Assembling:
                 what = f"the function needs time steps, but dataset {data.name} has no time stamps"
                 mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
                 self.findings.append(Finding(self.loaded.places[data.name], what, mend))
+
+    def _check_group_axes(self) -> None:
+        """Group axes that no table names, so that nothing comes of them."""
+        axes = [axis for entry in self.file.parameters.values() for axis in entry.axes.values()]
+        for name in self.file.axes:
+            if not any(axis.group == name for axis in axes):
+                mend = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
+                self._report(f"[axes.{name}]", "no table of this file names the axis", mend, warning=True)
 
     def _check_shifts(self) -> None:
         """What stands in the way of finding a shift."""
