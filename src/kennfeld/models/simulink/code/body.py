@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 
 from kennfeld.matlab import syntax as m
+from kennfeld.models.simulink.code.assigning import assigned
 from kennfeld.models.simulink.code.calls import Calls
 from kennfeld.models.simulink.code.conditions import either, known, negated
 from kennfeld.models.simulink.code.desk import Desk
 from kennfeld.models.simulink.code.errors import CodeError, EndedError
-from kennfeld.models.simulink.code.indexing import assigned
 from kennfeld.models.simulink.code.joining import State, joined
 from kennfeld.models.simulink.code.loops import Loops
 from kennfeld.models.simulink.code.masks import chooses, chosen_elements

@@ -1,6 +1,6 @@
-"""Elements of arrays, read and written; a place that depends on signals is a choice between all places."""
+"""Elements of arrays, read; a place that depends on signals is a choice between all places."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,15 +9,12 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.limits import away_from_zero
 from kennfeld.models.simulink.code.values import (
-    EMPTY,
     Cells,
     Held,
     Struct,
     Truths,
     array_of,
     constants,
-    field_of,
-    said,
     truths,
 )
 from kennfeld.models.simulink.expressions.arrays import each
@@ -26,10 +23,9 @@ from kennfeld.models.simulink.expressions.signals import Nodes
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls
 
-__all__ = ["assigned", "element", "indexed"]
+__all__ = ["MASK_MEND", "Place", "check_within", "element", "folded", "indexed", "is_one", "place_of", "size_said"]
 
-_MASK = "Write it as a loop over all elements with if."
-Change = Callable[[Held | None], Held]
+MASK_MEND = "Write it as a loop over all elements with if."
 Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals; else fixed places, from 0
 
 
@@ -41,7 +37,7 @@ def element(array: Nodes, at: Sequence[int]) -> int:
         found = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
     except IndexError:
         places = ",".join(str(one + 1) for one in at)
-        raise CodeError(f"the element ({places}) is outside of an array of {_size(array)}") from None
+        raise CodeError(f"the element ({places}) is outside of an array of {size_said(array)}") from None
     return int(found)
 
 
@@ -55,7 +51,7 @@ def indexed(calls: "Calls", held: Held, trees: Sequence[m.Expression], what: str
         text = np.array([[ord(one) for one in held]], dtype=np.int64)
         chosen = _elements(calls, text, calls.arguments(text, trees), what, fixed=True)
         return "".join(chr(int(one)) for one in chosen.ravel(order="F"))
-    if isinstance(held, Struct) and all(_is_one(calls, tree) for tree in trees):
+    if isinstance(held, Struct) and all(is_one(calls, tree) for tree in trees):
         return held
     array = array_of(held, what)
     if not trees:
@@ -75,7 +71,8 @@ def _is_mask(calls: "Calls", array: Nodes, places: list[Held]) -> bool:
     return isinstance(places[0], Truths) and np.array_equal(places[0], mask)
 
 
-def _is_one(calls: "Calls", tree: m.Expression) -> bool:
+def is_one(calls: "Calls", tree: m.Expression) -> bool:
+    """Whether an index of one thing means that thing."""
     return isinstance(tree, m.Colon | m.End) or calls.number(tree) == 1
 
 
@@ -83,10 +80,10 @@ def _elements(calls: "Calls", array: Nodes, places: list[Held], what: str, fixed
     whole = np.asarray(array)
     if len(places) == 1:
         return _linear(calls, whole, places[0], what, fixed)
-    whole = _folded(whole, len(places))
+    whole = folded(whole, len(places))
     for axis, held in enumerate(places):
-        chosen, at = _place(calls, held, whole.shape[axis], what)
-        _within(at, whole.shape[axis], whole, what)
+        chosen, at = place_of(calls, held, whole.shape[axis], what)
+        check_within(at, whole.shape[axis], whole, what)
         if chosen is None:
             whole = np.take(whole, at, axis=axis)
         elif fixed:
@@ -101,7 +98,7 @@ def _elements(calls: "Calls", array: Nodes, places: list[Held], what: str, fixed
     return whole
 
 
-def _folded(array: Nodes, count: int) -> Nodes:
+def folded(array: Nodes, count: int) -> Nodes:
     """The array with as many dimensions as it is indexed by."""
     shape = (*array.shape, *(1,) * (count - array.ndim))
     return array.reshape((*shape[: count - 1], int(np.prod(shape[count - 1 :]))), order="F")
@@ -112,8 +109,8 @@ def _linear(calls: "Calls", array: Nodes, held: Held, what: str, fixed: bool) ->
     flat = array.ravel(order="F")
     if isinstance(held, str):
         return flat.reshape(-1, 1)
-    chosen, at = _place(calls, held, flat.size, what)
-    _within(at, flat.size, array, what)
+    chosen, at = place_of(calls, held, flat.size, what)
+    check_within(at, flat.size, array, what)
     shape = _shape(array, array_of(held), len(at))
     if chosen is None:
         return flat[at].reshape(shape, order="F")
@@ -138,7 +135,7 @@ def _shape(array: Nodes, place: Nodes, count: int) -> tuple[int, ...]:
     return place.shape
 
 
-def _place(calls: "Calls", held: Held, size: int, what: str) -> Place:
+def place_of(calls: "Calls", held: Held, size: int, what: str) -> Place:
     """Places from 0, or their nodes where they depend on signals."""
     if isinstance(held, str):
         if held == ":":
@@ -148,7 +145,7 @@ def _place(calls: "Calls", held: Held, size: int, what: str) -> Place:
     numbers = calls.desk.numbers(nodes, f"a place in {what}")
     if isinstance(nodes, Truths):
         if numbers is None:
-            raise CodeError(f"a mask on {what} that depends on signals", _MASK)
+            raise CodeError(f"a mask on {what} that depends on signals", MASK_MEND)
         return None, [int(at) for at in np.flatnonzero(numbers.ravel(order="F"))]
     if numbers is None:
         return nodes, [0] * nodes.size
@@ -158,10 +155,11 @@ def _place(calls: "Calls", held: Held, size: int, what: str) -> Place:
     return None, [int(away_from_zero(at)) - 1 for at in flat]
 
 
-def _within(at: list[int], size: int, array: Nodes, what: str) -> None:
+def check_within(at: list[int], size: int, array: Nodes, what: str) -> None:
+    """Refuse places, from 0, that are not within a size."""
     wrong = next((one for one in at if not 0 <= one < size), None)
     if wrong is not None and size + len(at) > 0:
-        raise CodeError(f"the element {wrong + 1} of {what} is outside of its size {_size(array)}")
+        raise CodeError(f"the element {wrong + 1} of {what} is outside of its size {size_said(array)}")
 
 
 def _picked(calls: "Calls", parts: Nodes, node: int) -> Nodes:
@@ -174,190 +172,6 @@ def _picked(calls: "Calls", parts: Nodes, node: int) -> Nodes:
     return made
 
 
-def _size(array: Nodes) -> str:
+def size_said(array: Nodes) -> str:
+    """The size of an array, for a message."""
     return "x".join(map(str, array.shape))
-
-
-# writing
-
-
-def assigned(calls: "Calls", old: Held | None, target: m.Expression, value: Held) -> Held:
-    """A variable, None where it is new, after an assignment to a part of it."""
-    match target:
-        case m.Name():
-            return value
-        case m.Field(of, name):
-            return _inside(calls, old, of, lambda held: _with_field(held, name, value))
-        case m.DynamicField(of, tree):
-            key = calls.value(tree)
-            if not isinstance(key, str):
-                raise CodeError("the name of a field is no text")
-            return _inside(calls, old, of, lambda held: _with_field(held, key, value))
-        case m.Call(of, arguments):
-            return _inside(calls, old, of, lambda held: _with_elements(calls, held, arguments, value))
-        case m.CellIndex(of, arguments):
-            return _inside(calls, old, of, lambda held: _with_cell(calls, held, arguments, value))
-    raise CodeError("it assigns to what is no variable")
-
-
-def _inside(calls: "Calls", old: Held | None, of: m.Expression, change: Change) -> Held:
-    """Change a part of a variable, and the parts around it with it."""
-    if isinstance(of, m.Name):
-        return change(old)
-    return assigned(calls, old, of, change(_part(calls, old, of)))
-
-
-def _part(calls: "Calls", old: Held | None, tree: m.Expression) -> Held | None:
-    """The part of a variable that an assignment changes; None where it is new."""
-    match tree:
-        case m.Name():
-            return old
-        case m.Field(of, name):
-            around = _part(calls, old, of)
-            return field_of(around, name) if isinstance(around, Struct) and name in around.fields else None
-        case m.Call(of, arguments):
-            around = _part(calls, old, of)
-            return None if around is None else indexed(calls, around, arguments, "it")
-    raise CodeError("it assigns to a part of a cell")
-
-
-def _with_field(held: Held | None, name: str, value: Held) -> Struct:
-    if held is None or (isinstance(held, np.ndarray) and held.size == 0):
-        return Struct({name: value})
-    if not isinstance(held, Struct):
-        raise CodeError(f"it assigns the field {name} of {said(held)}")
-    return Struct({**held.fields, name: value})
-
-
-def _with_cell(calls: "Calls", held: Held | None, trees: Sequence[m.Expression], value: Held) -> Cells:
-    cells = held if isinstance(held, Cells) else Cells((), (0, 0))
-    whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
-    places = [calls.desk.numbers(array_of(one), "the place of a cell") for one in calls.arguments(whole, trees)]
-    at = [int(one.item()) - 1 for one in places if one is not None and one.size == 1]
-    if len(at) != len(trees):
-        raise CodeError("the place of a cell is not one fixed number")
-    rows, columns = cells.shape
-    if at == [len(cells.cells)] and min(rows, columns) < 2:  # one more, behind the last
-        shape = (rows + 1, 1) if columns == 1 and rows > 1 else (1, len(cells.cells) + 1)
-        return Cells((*cells.cells, value), shape)
-    made = list(cells.cells)
-    made[element(whole, at)] = value
-    return Cells(tuple(made), cells.shape)
-
-
-def _with_elements(calls: "Calls", held: Held | None, trees: Sequence[m.Expression], value: Held) -> Held:
-    if isinstance(held, Struct) or isinstance(value, Struct):
-        if all(_is_one(calls, tree) for tree in trees):
-            return value
-        raise CodeError("arrays of structs are not supported")
-    old = EMPTY if held is None else array_of(held, "what it assigns to")
-    new = array_of(value, "what it assigns")
-    if isinstance(held, Truths) and not isinstance(new, Truths):
-        new = truths(each(calls.loom, "ne", new, constants(calls.loom, 0.0)))
-    places = calls.arguments(old, trees)
-    if new.size == 0:
-        raise CodeError("elements are deleted, which is not supported")
-    made = _written(calls, np.asarray(old), places, np.asarray(new))
-    logical = isinstance(new, Truths) and (held is None or (isinstance(held, Truths) and held.size > 0))
-    return truths(made) if logical else made
-
-
-def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Nodes:
-    if len(places) == 1 and isinstance(places[0], Truths) and places[0].shape == old.shape:
-        mask = places[0]
-        if calls.desk.numbers(mask, "a mask") is None:
-            return _masked(calls, old, mask, new)
-    sizes = [old.size] if len(places) == 1 else list(_folded(old, len(places)).shape)
-    made = [_place(calls, one, size, "it") for one, size in zip(places, sizes, strict=True)]
-    if len(places) > 1 and old.size == 0:
-        made = [_whole(one, at, new, axis) for axis, (one, at) in enumerate(zip(places, made, strict=True))]
-    if all(chosen is None for chosen, _ in made):
-        return _fixed(calls, old, [at for _, at in made], new)
-    for (_, at), size in zip(made, sizes, strict=True):
-        _within(at, size, old, "what it assigns to")
-    sizes = [chosen.size if chosen is not None else len(at) for chosen, at in made]
-    if new.size not in (1, int(np.prod(sizes))):
-        raise CodeError(f"{new.size} elements are assigned to {int(np.prod(sizes))} places")
-    calls.desk.room(float(old.size) * float(np.prod(sizes)))
-    values = np.broadcast_to(new.reshape(()), sizes) if new.size == 1 else new.reshape(sizes, order="F")
-    for which in np.ndindex(*sizes):
-        places_of_one = [_single(place, at) for place, at in zip(made, which, strict=True)]
-        old = _chosen(calls, old, places_of_one, int(values[which]))
-    return old
-
-
-def _single(place: Place, at: int) -> Place:
-    chosen, fixed = place
-    return (None, [fixed[at]]) if chosen is None else (chosen.ravel(order="F")[at : at + 1], [0])
-
-
-def _whole(place: Held, found: Place, new: Nodes, axis: int) -> Place:
-    """Where `:` stands in an assignment to a variable that is new, the value says how long it is."""
-    if not isinstance(place, str):
-        return found
-    return None, list(range(new.shape[axis] if new.ndim > axis and new.size > 1 else 1))
-
-
-def _masked(calls: "Calls", old: Nodes, mask: Nodes, new: Nodes) -> Nodes:
-    if new.size != 1:
-        raise CodeError("a mask that depends on signals chooses where several elements are assigned", _MASK)
-    return each(calls.loom, "select", np.asarray(mask), np.broadcast_to(new.reshape(()), old.shape), old)
-
-
-def _fixed(calls: "Calls", old: Nodes, places: list[list[int]], new: Nodes) -> Nodes:
-    """Elements at fixed places; the array grows to hold them."""
-    if any(one < 0 for at in places for one in at):
-        raise CodeError("it assigns to an element before the first one")
-    made = _grown(calls, old, places)
-    count = int(np.prod([len(at) for at in places]))
-    if new.size not in (1, count):
-        raise CodeError(f"{new.size} elements are assigned to {count} places")
-    if len(places) == 1:
-        flat = made.ravel(order="F")
-        flat[places[0]] = new.ravel(order="F")
-        return flat.reshape(made.shape, order="F")
-    shape, folded = made.shape, _folded(made, len(places)).copy()
-    block = new if new.size == 1 else new.reshape([len(at) for at in places], order="F")
-    folded[np.ix_(*places)] = block.reshape(()) if new.size == 1 else block
-    return folded.reshape(shape, order="F")
-
-
-def _grown(calls: "Calls", old: Nodes, places: list[list[int]]) -> Nodes:
-    """A copy that is large enough, new elements 0."""
-    ends = [max(at, default=-1) + 1 for at in places]
-    if len(places) == 1:
-        if ends[0] <= old.size:
-            return old.copy()
-        if old.size > 1 and 1 not in old.shape:
-            raise CodeError(f"the element {ends[0]} is outside of an array of {_size(old)}")
-        shape: tuple[int, ...] = (ends[0], 1) if old.ndim == 2 and old.shape[1] == 1 and old.size > 1 else (1, ends[0])
-    else:
-        base = (*old.shape, *(1,) * (len(places) - old.ndim))
-        if len(places) < old.ndim or all(end <= size for end, size in zip(ends, base, strict=True)):
-            return old.copy()
-        shape = tuple(max(pair) for pair in zip(ends, base, strict=True))
-    calls.desk.room(float(np.prod(shape)))
-    made = np.full(shape, calls.loom.const(0.0), dtype=np.int64)
-    if old.size:
-        kept = old.reshape((*old.shape, *(1,) * (len(shape) - old.ndim)))
-        made[tuple(slice(size) for size in kept.shape)] = kept
-    return made
-
-
-def _chosen(calls: "Calls", old: Nodes, places: list[Place], new: int) -> Nodes:
-    """One element at a place that depends on signals: each is the new one where the place is its own.
-
-    Where the place is none of the array, as MATLAB stops there, nothing changes.
-    """
-    loom = calls.loom
-    shape, whole = old.shape, old.ravel(order="F") if len(places) == 1 else _folded(old, len(places))
-    calls.desk.room(whole.size)
-    made = whole.copy()
-    for at in np.ndindex(*whole.shape):
-        here = loom.const(1.0)
-        for axis, (chosen, fixed) in enumerate(places):
-            node = loom.const(float(fixed[0] + 1)) if chosen is None else loom.call("round", int(chosen.item()))
-            same = loom.call("eq", node, loom.const(float(at[axis] + 1)))
-            here = loom.call("and", here, same) if loom.value(here) != 1.0 else same
-        made[at] = loom.call("select", here, new, int(whole[at]))
-    return made.reshape(shape, order="F")
