@@ -224,8 +224,9 @@ def test_a_bus_may_hold_what_is_computed_from_another_of_its_signals(tmp_path):
     assert run(imported(drawn, tmp_path), {"u": [2.0]})["y"].tolist() == [6.0]
 
 
-def test_a_link_to_a_library_that_is_not_there_says_which(tmp_path):
-    drawn = alone("Reference", special="Own Mask")
+@pytest.mark.parametrize("called", ["Own Mask", "Integrator", "Switch"])
+def test_a_link_to_a_library_that_is_not_there_says_which(called, tmp_path):
+    drawn = alone("Reference", special=called)
     with pytest.raises(
         InputError, match=r"B: it is a link into the library lib, which was not found. Put lib.slx beside the model"
     ):

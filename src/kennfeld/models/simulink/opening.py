@@ -18,7 +18,7 @@ from kennfeld.models.simulink.flattening.variants import content
 from kennfeld.models.simulink.variables.configuration import asked
 from kennfeld.models.simulink.variables.scopes import Scope, Variable
 from kennfeld.models.simulink.variables.variables import Given, Variables, variables_of
-from kennfeld.models.simulink.weaving.registry import KINDS, opaque
+from kennfeld.models.simulink.weaving.registry import named_by_masks, opaque
 
 __all__ = ["Opened"]
 
@@ -83,7 +83,7 @@ class Opened:
     ) -> Flat:
         """The blocks of one of its systems; raises `InputError` where there are too many."""
         try:
-            return flatten(system, scope, cuts, opaque(), self.models, frozenset(KINDS), counts)
+            return flatten(system, scope, cuts, opaque(), self.models, named_by_masks(), counts)
         except OverflowError as error:
             raise InputError.of(self.path.name, str(error)) from None
 

@@ -5,6 +5,7 @@ behind: a block `Control` that says when it runs, and a block `Held` for each of
 """
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.files.bus_ports import element_of, elements
@@ -32,15 +33,16 @@ def flatten(
     cuts: Mapping[str, str],
     opaque: frozenset[str] = frozenset(),
     models: Mapping[str, Scope] | None = None,
-    known: frozenset[str] = frozenset(),
+    known: Mapping[str, bool] = MappingProxyType({}),
     counts: Mapping[str, int] | None = None,
 ) -> Flat:
     """The blocks of a system and of all below it.
 
     `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
     blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
-    `known` are all types of blocks; a link to Simulink's own library of a type that is not among them goes by the name
-    that the block has there. `counts` are the passes that subsystems were found to need, by path.
+    `known` are all types of blocks, with whether a mask may be called so. A link to Simulink's own library of a type
+    that is not among them goes by the name that the block has there; one to another library is no block of Simulink.
+    `counts` are the passes that subsystems were found to need, by path.
     """
     placed = Placed()
     system = in_use(system)
@@ -60,7 +62,7 @@ class _Placing:
         cuts: Mapping[str, str],
         opaque: frozenset[str],
         models: Mapping[str, Scope],
-        known: frozenset[str],
+        known: Mapping[str, bool],
         counts: Mapping[str, int],
     ) -> None:
         self.placed = placed
@@ -187,7 +189,7 @@ class _Placing:
         self.placed.joints.append((found, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
 
 
-def _kind(block: Block, known: frozenset[str]) -> str:
+def _kind(block: Block, known: Mapping[str, bool]) -> str:
     if block.chart is not None and block.chart.kind == "Chart":
         return "Chart"
     if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
@@ -195,8 +197,9 @@ def _kind(block: Block, known: frozenset[str]) -> str:
     if block.type == "Reference" and block.reference is not None:
         link = block.reference
         last = (split(link.source) or ("",))[-1]
-        by_name = link.type not in known and is_of_simulink(link.source) and last in known
-        return last if by_name else f"{link.type or link.source}"
+        if is_of_simulink(link.source):
+            return last if link.type not in known and last in known else f"{link.type or link.source}"
+        return link.type if link.type and known.get(link.type, True) else link.source
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type
     return block.type

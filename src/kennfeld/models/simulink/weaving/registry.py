@@ -13,7 +13,18 @@ from kennfeld.models.simulink.files.tree import Block
 from kennfeld.models.simulink.weaving.site import Site
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
-__all__ = ["KINDS", "Kind", "Needs", "Rule", "Sample", "UnsupportedError", "block", "nothing", "opaque"]
+__all__ = [
+    "KINDS",
+    "Kind",
+    "Needs",
+    "Rule",
+    "Sample",
+    "UnsupportedError",
+    "block",
+    "named_by_masks",
+    "nothing",
+    "opaque",
+]
 
 Rule: TypeAlias = Callable[[Site], Wired | tuple[Wired, ...]]
 Needs: TypeAlias = Callable[[Site], Iterable[int]] | None
@@ -61,6 +72,12 @@ def opaque() -> frozenset[str]:
     is someone else's.
     """
     return frozenset(name for name, kind in KINDS.items() if not kind.linked and (" " in name or name in _ONE_WORD))
+
+
+def named_by_masks() -> dict[str, bool]:
+    """All types, with whether a mask of Simulink's library may be called so."""
+    masks = opaque()
+    return {name: kind.linked or name in masks for name, kind in KINDS.items()}
 
 
 def block(
