@@ -77,9 +77,30 @@ def test_a_script_loads_no_file_of_another_folder(tmp_path):
 
 
 def test_what_a_script_leaves_without_a_value_loses_the_one_it_had(tmp_path):
-    found = variables(tmp_path, "K = nowhere(3); L = 2;", [{"K": 1.0, "L": 1.0, "M": 1.0}])
-    assert {name: found[name].value.item() for name in found} == {"L": 2.0, "M": 1.0}
+    (tmp_path / "first.m").write_text("K = 1; L = 1; M = 1; N = 1;")
+    found = variables(tmp_path, "K = nowhere(3); L = 2; N = nowhere(4);", [tmp_path / "first.m", {"N": 7.0}])
+    assert {name: found[name].value.item() for name in found} == {"L": 2.0, "M": 1.0, "N": 7.0}
     assert "K stays undefined" in str(found.findings[0])
+
+
+def workspace_of(folder, code, given):
+    """The variables of a model whose workspace is made by code."""
+    return variables_of(document(Model(code=code).written("slx parts"), Path(folder / "m.slx")), given)
+
+
+def test_what_is_given_stands_in_for_what_the_code_of_a_workspace_cannot_say(tmp_path):
+    (tmp_path / "init.m").write_text("K = 3;")
+    found = workspace_of(tmp_path, "K = nowhere(3);", [tmp_path / "init.m"])
+    assert found["K"].value.item() == 3.0
+
+
+def test_a_value_that_the_model_workspace_hides_is_told(tmp_path):
+    found = workspace_of(tmp_path, "K = 2; L = 5;", [{"K": 3.0, "L": 5.0, "M": 1.0}])
+    assert {name: found[name].value.item() for name in found} == {"K": 2.0, "L": 5.0, "M": 1.0}
+    (finding,) = found.findings
+    assert str(finding).startswith("m K: is given another value by the model workspace")
+    over = workspace_of(tmp_path, "K = 2;", [ParameterSet([Scalar("K", 3.0)])])
+    assert over["K"].value.item() == 3.0
 
 
 def test_a_table_from_a_calibration_file_is_never_scrambled_into_the_size_of_another(tmp_path):

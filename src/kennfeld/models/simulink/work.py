@@ -64,19 +64,25 @@ class Work:
         self._opened, self._system, self._scope = opened, system, scope
         self.flat = self._flat({})
         self.remarks = list(opened.remarks)
+        self.substitutions: list[str] = []
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
-        self.settings, lost = settings_of(self.document, self.variables)
         self._last = Weaver(self.flat, Clock(None), (), self._give, Guesses())
-        stepping = Stepping(self.settings, self.flat.atoms, self._last.expressions, Scope(self.variables))
-        self.solver, self.clock = stepping.solver, stepping.clock
+        self.solver, self.clock = self._stepped(step)
+
+    def _stepped(self, asked: float | None) -> tuple[str, Clock]:
+        """The solver, and the clock with the step that is asked for, else with that of the model."""
+        settings, lost = settings_of(self.document, self.variables)
+        stepping = Stepping(settings, self.flat.atoms, self._last.expressions, Scope(self.variables))
         self.remarks += stepping.remarks
-        self.substitutions = [*([lost] if lost else []), *stepping.substitutions]
-        if step is not None:
-            if not 0 < step < math.inf:
-                raise ArgumentError(f"step={step!r} must be a time in s above 0")
-            self.substitutions = [one for one in self.substitutions if one not in stepping.found]
-            self.clock.step = step
+        told = stepping.substitutions
+        if asked is not None:
+            if not 0 < asked < math.inf:
+                raise ArgumentError(f"step={asked!r} must be a time in s above 0")
+            told = [one for one in told if one not in stepping.found]
+            stepping.clock.step = asked
+        self.substitutions += [*([lost] if lost else []), *told]
+        return stepping.solver, stepping.clock
 
     def _flat(self, counts: Mapping[str, int]) -> Flat:
         return self._opened.flat(self._system, self._scope, self.cuts, counts)

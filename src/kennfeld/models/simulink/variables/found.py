@@ -9,7 +9,9 @@ from kennfeld.models.simulink.files.tree import Solver
 from kennfeld.models.simulink.variables.scopes import Value, Variable
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["Variables", "same"]
+__all__ = ["GIVEN", "Variables", "same"]
+
+GIVEN = "given"  # the source of values that are given by name
 
 
 class Variables(dict[str, Variable]):

@@ -7,7 +7,7 @@ from pathlib import Path
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.matlab.scripts import Files, run_script
 from kennfeld.models.simulink.variables.enumerations import enumeration_of, is_class, variable_of
-from kennfeld.models.simulink.variables.found import Variables, same
+from kennfeld.models.simulink.variables.found import GIVEN, Variables, same
 from kennfeld.models.simulink.variables.numbers import variable_from
 from kennfeld.models.simulink.variables.scopes import Variable
 
@@ -35,7 +35,8 @@ def _enumeration(found: Variables, text: str, path: Path) -> None:
 def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
     """Add the variables that a text of MATLAB makes; those that it leaves without a value lose the one they had.
 
-    Files that it loads are looked for in `folder` alone.
+    What is given by name stays, so that it can stand in for what a script cannot say. Files that it loads are looked
+    for in `folder` alone.
     """
     given = {key: variable.value for key, variable in found.items()}
     outcome = run_script(text, name, given, _beside(folder))
@@ -49,7 +50,8 @@ def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
         if before is None or not same(before.value, made.value):
             found[key] = _commented(made, outcome.comments.get(key, ""))
     for key in outcome.undefined:
-        found.pop(key, None)
+        if key in found and found[key].source != GIVEN:
+            del found[key]
 
 
 def _commented(made: Variable, comment: str) -> Variable:

@@ -12,7 +12,7 @@ from kennfeld.models.simulink.variables.data import Data, Entry
 from kennfeld.models.simulink.variables.data import Value as Stored
 from kennfeld.models.simulink.variables.dictionary import read_dictionary
 from kennfeld.models.simulink.variables.enumerations import beside, variable_of
-from kennfeld.models.simulink.variables.found import Variables
+from kennfeld.models.simulink.variables.found import GIVEN, Variables, same
 from kennfeld.models.simulink.variables.scopes import Array, Value, Variable, plain
 from kennfeld.models.simulink.variables.scripts import content, run, run_text
 from kennfeld.models.simulink.variables.workspace import mat_variables, workspace_variables
@@ -38,14 +38,24 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
         if isinstance(one, ParameterSet):
             over.append(one)
         elif isinstance(one, Mapping):
-            found.update({name: Variable(value, source="given") for name, value in _plain(one).items()})
+            found.update({name: Variable(value, source=GIVEN) for name, value in _plain(one).items()})
         else:
             over += _file(found, Path(one))
+    by_name = {name: one for name, one in found.items() if one.source == GIVEN}
     _workspace(found, document)
+    found.findings += [
+        _hidden(document, name) for name, one in by_name.items() if not same(one.value, found[name].value)
+    ]
     given_over = {parameter.name: parameter for values in over for parameter in values.values()}
     found.strangers = ParameterSet(one for name, one in given_over.items() if name.partition(".")[0] not in found)
     found.update({name: _with(found.get(name), parameter) for name, parameter in given_over.items()})
     return found
+
+
+def _hidden(document: Document, name: str) -> Finding:
+    what = "is given another value by the model workspace, which hides the one that is given"
+    mend = "Give it in a ParameterSet or a calibration file: those go over the workspace."
+    return Finding(f"{document.name} {name}", what, mend, severity="warning")
 
 
 def _beside(found: Variables, document: Document) -> None:
@@ -116,7 +126,9 @@ def _callbacks(found: Variables, document: Document) -> None:
 def _workspace(found: Variables, document: Document) -> None:
     kind = document.workspace.kind
     if kind == "m-code":
+        before = dict(found)
         run_text(found, document.workspace.text, "model workspace", document.path.parent)
+        found.update({name: before[name] for name in before.keys() - found.keys()})  # what it cannot say may be given
     elif kind == "file":
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
@@ -170,7 +182,7 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     """A variable with the value of a parameter; what is known of it stays, where the parameter says nothing else."""
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
-    if known is not None and isinstance(known.value, np.ndarray) and _long(known.value) == _long(value):
+    if known is not None and isinstance(known.value, np.ndarray) and _extents(known.value) == _extents(value):
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Array = known.lower if known is not None else -np.inf
@@ -180,6 +192,6 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
 
 
-def _long(values: Array) -> list[int]:
+def _extents(values: Array) -> list[int]:
     """The sizes along the dimensions that have more than one element: those of a row are those of a column."""
     return [size for size in values.shape if size != 1]
