@@ -14,9 +14,11 @@ from kennfeld.models.simulink.stateflow.execution import Machine
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
 from kennfeld.models.simulink.stateflow.timers import Timers
 from kennfeld.models.simulink.stateflow.variables import ResizedError
-from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.schedule import Rate
 from kennfeld.models.simulink.weaving.site import Site, as_vector
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
+
+__all__ = ["chart", "early"]
 
 _MEMORIES = ("OUTPUT_DATA", "LOCAL_DATA")
 _TRANSIENT = ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA")
@@ -25,12 +27,11 @@ _EDGES = {"RISING_EDGE_EVENT": "rising", "FALLING_EDGE_EVENT": "falling", "EITHE
 _MOST_SIZES = 20
 
 
-def _early(site: Site) -> Iterable[int]:
+def early(site: Site) -> Iterable[int]:
     """The inputs that a chart needs before it runs: all but those that it computes itself by calling subsystems."""
     return Calls(site).early
 
 
-@block("Chart", needs=_early, held=False)
 def chart(site: Site) -> tuple[Wired, ...]:
     """One execution of a chart in each hit of its sample time, or at its events."""
     given = site.atom.block.chart

@@ -10,20 +10,20 @@ import numpy as np
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
-from kennfeld.models.simulink.code import Body, CodeError, Desk, Struct
-from kennfeld.models.simulink.code.body import GLOBAL
-from kennfeld.models.simulink.code.errors import MEND, EndedError
+from kennfeld.models.simulink.code.body import GLOBAL, Body
+from kennfeld.models.simulink.code.desk import Desk
+from kennfeld.models.simulink.code.errors import MEND, CodeError, EndedError
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memories, Memory, Scout, declares, later, memories
-from kennfeld.models.simulink.code.values import Held, Unclear, field_of
+from kennfeld.models.simulink.code.values import Held, Struct, Unclear, field_of
 from kennfeld.models.simulink.expressions.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.variables.scopes import Array, written_names
 from kennfeld.models.simulink.weaving.named import named_text
-from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site, as_vector
+from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 from kennfeld.parameters import Axis
 
-__all__ = ["desk_of"]
+__all__ = ["matlab_function"]
 
 _GIVE: Final = "Give it among the parameters: a script, a .mat, .sldd or calibration file."
 _BLOCK: Final = "the function of the block"
@@ -31,7 +31,6 @@ _MOST_ROUNDS: Final = 20
 _PARAMETER: Final = "PARAMETER_DATA"
 
 
-@block("MATLAB Function")
 def matlab_function(site: Site) -> tuple[Wired, ...]:
     """What the function's results are, in the order in which it names them."""
     try:
@@ -47,7 +46,7 @@ def matlab_function(site: Site) -> tuple[Wired, ...]:
 def _outputs(site: Site) -> tuple[Wired, ...]:
     script = _script(site)
     function = script.functions[0]
-    desk = desk_of(site, {one.name: one for one in script.functions[1:]})
+    desk = _desk_of(site, {one.name: one for one in script.functions[1:]})
     given = _given(site, function)
     work = _Call(site, desk, function, given)
     results = work.results()
@@ -80,7 +79,7 @@ def _shown(site: Site) -> set[str]:
     return {one.name for one in chart.data if one.scope == "OUTPUT_DATA"} if chart is not None else set()
 
 
-def desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
+def _desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
     """What the code of a block shares."""
     expressions, scope = site.weaver.expressions, site.atom.scope
 

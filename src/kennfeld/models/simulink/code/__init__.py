@@ -23,11 +23,3 @@
 
 The functions of the library are in functions/, by family.
 """
-
-from kennfeld.models.simulink.code.body import Body, Frame
-from kennfeld.models.simulink.code.desk import Desk
-from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.code.joining import State
-from kennfeld.models.simulink.code.values import Cells, Handle, Held, Struct
-
-__all__ = ["Body", "Cells", "CodeError", "Desk", "Frame", "Handle", "Held", "State", "Struct"]
