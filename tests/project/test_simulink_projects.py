@@ -334,7 +334,7 @@ def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
     drawn.add('[parameters."Later:DelayLength"]\ninitial = 3\n')
     [remark] = [finding for finding in drawn.findings() if "Later" in str(finding)]
     assert remark.severity == "remark"
-    assert "as a fixed number, so that it cannot be fitted" in str(remark)
+    assert "as a fixed number: it has the value given here, and is not fitted" in str(remark)
     [data] = drawn.project.simulate()
     u = np.linspace(-2, 2, 20)
     np.testing.assert_allclose(data["late"].values, [0, 0, 0, *u[:-3]])
