@@ -54,7 +54,8 @@ class Stepping:
             instead = f"{name or 'an unknown solver'} -> ode4 with a fixed step"
             self.substitutions.append(f"{instead}: the step is that of the data unless sample times ask for another")
             if name in _STIFF:
-                self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
+                watch = "watch for steps that are too long for ode4; half the step has to give the same"
+                self.substitutions.append(f"{name} is for stiff models: {watch}")
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
             self._instead(f"a variable step -> {step:g} s, the longest that hits all sample times")
