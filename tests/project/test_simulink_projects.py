@@ -408,7 +408,7 @@ def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
     drawn.add('[parameters."Later:DelayLength"]\ninitial = 3\n')
     [remark] = [finding for finding in drawn.findings() if "Later" in str(finding)]
     assert remark.severity == "remark"
-    assert "as a fixed number, so that it cannot be fitted" in str(remark)
+    assert "as a fixed number: it has the value given here, and is not fitted" in str(remark)
     [data] = drawn.project.simulate()
     u = np.linspace(-2, 2, 20)
     np.testing.assert_allclose(data["late"].values, [0, 0, 0, *u[:-3]])
@@ -538,3 +538,12 @@ def test_the_report_lists_the_scripts_that_a_model_has_its_values_from(drawn):
     roles = {one.name: one.role for one in sources(drawn.project)}
     assert roles["init.m"] == "values of the model"
     assert all(one.digest for one in sources(drawn.project))
+
+
+def test_why_a_script_gives_a_variable_no_value_is_told_with_the_block_that_needs_it(drawn):
+    (drawn.folder / "init.m").write_text("Slope = made_elsewhere(3);")
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
+    drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
+    [found] = said(drawn)
+    assert found.startswith("line.slx variable Slope: has no value (init.m line 1 gives it no value)")
+    assert "; Times needs it. Give it among the parameters" in found

@@ -190,7 +190,7 @@ class _Assembling:
             mend = nearest(name, [n for n in function.graph.parameters if n not in known])
             self._report(place, f"the function does not use {name}", mend, warning=True)
         elif ":" in name and given.initial is not None:
-            what = f"{name} has the value given here; the block needs it as a fixed number, so that it cannot be fitted"
+            what = "the block needs this field as a fixed number: it has the value given here, and is not fitted"
             self.findings.append(Finding(self.file.place(place), what, severity="remark"))
         elif given.initial is not None or given.axes:  # without them, that it has no value says the same
             mend = nearest(name, function.graph.parameters)

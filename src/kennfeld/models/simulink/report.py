@@ -1,6 +1,6 @@
 """What an import made of a model: what is supported, what is not and why, and what was put in place of what."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from kennfeld.errors import Finding
 
@@ -75,7 +75,8 @@ class ImportReport:
     sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
     `frozen` are expressions whose variables are fixed, with the reason. `inputs` and `outputs` are those of the
     function, where it is whole; `parameters` are what can be calibrated. `subsystems` are those that can be imported
-    by themselves, where that was asked for. `stopped` is what keeps the blocks from being built at all.
+    by themselves, where that was asked for. `reasons` are why scripts could give variables no value. `stopped` is what
+    keeps the blocks from being built at all.
     """
 
     total: int
@@ -92,6 +93,7 @@ class ImportReport:
     inputs: tuple[Quantity, ...] = ()
     outputs: tuple[Quantity, ...] = ()
     subsystems: tuple[Importable, ...] = ()
+    reasons: dict[str, str] = field(default_factory=dict)
     stopped: tuple[Finding, ...] = ()
 
     @property
@@ -115,9 +117,12 @@ class ImportReport:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What keeps the outputs from being built; variables without a value first, each once."""
-        valueless = (_valueless(name, paths) for name, paths in self.undefined.items())
+        valueless = (_valueless(name, paths, self._reason(name)) for name, paths in self.undefined.items())
         others = (_together(several) for several in self.groups if several[0].stops)
         return (*self.stopped, *valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
+
+    def _reason(self, name: str) -> str:
+        return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
 
     @property
     def groups(self) -> tuple[tuple[Unsupported, ...], ...]:
@@ -141,10 +146,10 @@ def _together(several: tuple[Unsupported, ...]) -> Finding:
     return first if len(several) == 1 else Finding(f"{first.place} and {len(several) - 1} more", first.what, first.mend)
 
 
-def _valueless(name: str, paths: tuple[str, ...]) -> Finding:
+def _valueless(name: str, paths: tuple[str, ...], why: str) -> Finding:
     who = f"{paths[0]} needs it" if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more need it"
     mend = "Give it among the parameters: in a script, a .mat, .sldd or calibration file."
-    return Finding(f"variable {name}", f"has no value; {who}", mend)
+    return Finding(f"variable {name}", f"has no value{f' ({why})' if why else ''}; {who}", mend)
 
 
 _LOOP = "Put a unit delay into the loop, or bind one of its blocks."

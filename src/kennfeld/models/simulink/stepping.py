@@ -65,7 +65,8 @@ class Stepping:
         data = " with a fixed step: the step is that of the data unless sample times ask for another"
         self.substitutions.append(f"{name or 'an unknown solver'} -> {self.solver}{'' if fixed else data}")
         if name in _STIFF:
-            self.substitutions.append(f"{name} is for stiff models: watch for steps that are too long for ode4")
+            watch = "watch for steps that are too long for ode4; half the step has to give the same"
+            self.substitutions.append(f"{name} is for stiff models: {watch}")
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
         text = self.settings.fixed_step.strip()

@@ -215,6 +215,7 @@ class Work:
             (*self.flat.chosen, *self.substitutions, *undecided, *note), tuple(self.remarks),
             dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
             tuple(_calibratable(one, weaver.declared.sources) for one in weaver.declared.parameters.values()),
+            reasons=dict(self.variables.undefined),
         )  # fmt: skip
 
     def _model(self, weaver: Weaver, report: ImportReport) -> Model:

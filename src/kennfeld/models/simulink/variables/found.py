@@ -17,13 +17,14 @@ GIVEN = "given"  # the source of values that are given by name
 class Variables(dict[str, Variable]):
     """Variables by name, with what was noticed while they were read.
 
-    `solvers` are configurations by name; `strangers` are parameters of calibration files that the model itself does not
-    know.
+    `undefined` says by name why scripts could give a variable no value, `solvers` are configurations by name,
+    `strangers` parameters of calibration files that the model itself does not know.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
+        self.undefined: dict[str, str] = {}
         self.solvers: dict[str, Solver] = {}
         self.strangers = ParameterSet()
 

@@ -49,7 +49,8 @@ def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
         before = found.get(key)
         if before is None or not same(before.value, made.value):
             found[key] = _commented(made, outcome.comments.get(key, ""))
-    for key in outcome.undefined:
+    for key, why in outcome.undefined.items():
+        found.undefined[key] = why
         if key in found and found[key].source != GIVEN:
             del found[key]
 

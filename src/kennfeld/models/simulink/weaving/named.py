@@ -36,7 +36,9 @@ def named(site: Site, field: str) -> Named:
     values = site.numbers(field)
     found = _variable(text, site.atom.scope)
     if found is None:
-        return Named(f"{site.atom.path}:{field}", values, Variable(values, source=_source(text)), False)
+        return Named(
+            f"{site.atom.path}:{field}", values, Variable(values, source=_source(text, site.atom.scope)), False
+        )
     name, variable, transposed = found
     if transposed:
         return Named(f"{name}'", values, _transposed(variable), True)
@@ -50,8 +52,11 @@ def _transposed(variable: Variable) -> Variable:
     return replace(variable, value=matrix, axes=variable.axes[::-1], lower=lower, upper=upper)
 
 
-def _source(text: str) -> str:
-    return f"{' '.join(text.split())[:40]} of the block" if re.search(r"[^\W\d]", text) else "a literal of the block"
+def _source(text: str, scope: Scope) -> str:
+    """Where a field's numbers come from: an expression of variables, or the field alone."""
+    if any(scope.find(name) is not None for name in re.findall(r"[^\W\d]\w*", text)):
+        return f"{' '.join(text.split())[:40]} of the block"
+    return "a literal of the block"
 
 
 def named_text(site: Site, text: str) -> Named:
