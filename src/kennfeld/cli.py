@@ -14,6 +14,7 @@ from kennfeld.terminal.output import complain, say
 
 if TYPE_CHECKING:
     from kennfeld.analysis.leaving import Leaving
+    from kennfeld.dataset import Dataset
     from kennfeld.optimize import Result
     from kennfeld.project import Project
 
@@ -162,7 +163,7 @@ def demo(
 def check(path: ProjectFile) -> int:
     """Name every problem of a project and its files, or of a training file.
 
-    Each comes with its place and the mend, on stderr; nothing is calculated.
+    Each comes with its place and the mend, on stderr; nothing is fitted.
     """
     from kennfeld.project import Project
     from kennfeld.project.toml import is_training, read_toml
@@ -174,10 +175,15 @@ def check(path: ProjectFile) -> int:
     complain(*findings)
     problem = project.problem()
     values = sum(problem.parameters[name].size for name in problem.free_names)
-    samples = [f"{data.samples} {data.use} samples in {data.name}" for data in problem.datasets]
+    samples = [f"{_counted(data)} {data.use} samples in {data.name}" for data in problem.datasets]
     say(f"{path}: {_soundness(findings)}")
     say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
+
+
+def _counted(data: "Dataset") -> int:
+    """How many samples of a dataset count; those between them, on a finer step, hold no targets."""
+    return data.samples if data.scored is None else int(data.scored.sum())
 
 
 def _soundness(findings: Sequence[Finding]) -> str:

@@ -28,6 +28,7 @@ def test_the_public_names_are_pinned():
         "merge",
         "read",
         "read_several",
+        "unwritable",
         "write",
     ]
     assert set(endings()) >= {".json", ".csv", ".cdfx", ".dcm", ".msq", ".xlsx", ".mat", ".m", ".hex", ".s19"}

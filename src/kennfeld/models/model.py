@@ -29,7 +29,8 @@ class Model:
     declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
     or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
     `surrogates` are the data-driven models that it calls. `values` are the parameters that the source gives values.
-    `remarks` are sentences on what runs in another way than in the source.
+    `remarks` are sentences on what runs in another way than in the source. `stepped` says that continuous states run
+    with a fixed step that is not the source's own, so that a shorter step may give other values.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -46,6 +47,7 @@ class Model:
     surrogates: "tuple[Surrogate, ...]" = ()
     values: ParameterSet = field(default_factory=ParameterSet)
     remarks: tuple[str, ...] = ()
+    stepped: bool = False
 
     @property
     def carried(self) -> ParameterSet:

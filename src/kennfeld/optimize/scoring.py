@@ -1,6 +1,6 @@
 """Simulation of a calibrated model, and how well it meets its criteria."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -33,7 +33,11 @@ class Nodes:
 
     def values(self, bound: Bound, parameters: ParameterSet) -> Float:
         """Shape (names, samples)."""
-        return self._simulator.over(bound.columns, bound.count, parameters, bound.starts.tolist())
+        return self.over(bound.columns, bound.count, parameters, bound.starts.tolist())
+
+    def over(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int]) -> Float:
+        """The values over columns of so many samples, whose pieces begin at `starts`; shape (names, samples)."""
+        return self._simulator.over(columns, count, parameters, starts)
 
     def blocks(self, bound: Bound, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
         """Samples and their values, shape (names, samples), block by block; a piece with memory is computed at once."""

@@ -19,6 +19,7 @@ from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.project.step_check import step_warning
 from kennfeld.project.toml import quoted
 
 __all__ = ["warnings_of"]
@@ -31,7 +32,7 @@ _ROUNDING = 1e-9  # of an axis; converted values miss its ends by as much
 
 
 def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
-    """What is odd about the data, the units and the axes."""
+    """What is odd about the data, the units, the axes and the step."""
     found = [
         *_units(problem, places),
         *_channels(problem, places),
@@ -41,7 +42,7 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_names(file, problem),
     ]
     warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
-    return [*warnings, *event_warning(file, problem)]
+    return [*warnings, *event_warning(file, problem), *step_warning(file, problem)]
 
 
 _Warning = tuple[str, str, str]

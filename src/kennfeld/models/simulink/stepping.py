@@ -35,8 +35,9 @@ _CONTINUOUS = {
 class Stepping:
     """The `solver` and the `clock` of blocks whose model has these settings; `scope` is what the settings see.
 
-    `substitutions` say what takes the place of what the model asks for, `remarks` which settings have no value. `found`
-    are those substitutions that tell of a step, which a step of the user's own makes void.
+    `replaced` says whether another solver takes the place of the model's. `substitutions` say what takes the place of
+    what the model asks for, `remarks` which settings have no value. `found` are those substitutions that tell of a
+    step, which a step of the user's own makes void.
     """
 
     def __init__(self, settings: Solver, atoms: Sequence[Atom], expressions: Expressions, scope: Scope) -> None:
@@ -52,7 +53,8 @@ class Stepping:
         fixed = name.casefold() in {one.casefold() for one in _FIXED}
         is_auto = name.casefold() == "fixedstepauto"
         self.solver = name if name in SOLVERS else "ode3" if is_auto else "ode4"
-        if continuous and name not in SOLVERS and not is_auto:
+        self.replaced = continuous and name not in SOLVERS and not is_auto
+        if self.replaced:
             self._replace_solver(fixed)
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
@@ -65,7 +67,7 @@ class Stepping:
         data = " with a fixed step: the step is that of the data unless sample times ask for another"
         self.substitutions.append(f"{name or 'an unknown solver'} -> {self.solver}{'' if fixed else data}")
         if name in _STIFF:
-            watch = "watch for steps that are too long for ode4; half the step has to give the same"
+            watch = "watch for steps that are too long for ode4; check compares with half the step"
             self.substitutions.append(f"{name} is for stiff models: {watch}")
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:

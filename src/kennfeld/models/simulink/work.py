@@ -68,9 +68,10 @@ class Work:
         self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
         self._check_cuts()
         self._last = Weaver(self.flat, Clock(None), (), self._give, Guesses())
-        self.solver, self.clock = self._stepped(step)
+        self.stepping = self._stepped(step)
+        self.solver, self.clock = self.stepping.solver, self.stepping.clock
 
-    def _stepped(self, asked: float | None) -> tuple[str, Clock]:
+    def _stepped(self, asked: float | None) -> Stepping:
         """The solver, and the clock with the step that is asked for, else with that of the model."""
         settings, lost = settings_of(self.document, self.variables)
         stepping = Stepping(settings, self.flat.atoms, self._last.expressions, Scope(self.variables))
@@ -82,7 +83,7 @@ class Work:
             told = [one for one in told if one not in stepping.found]
             stepping.clock.step = asked
         self.substitutions += [*([lost] if lost else []), *told]
-        return stepping.solver, stepping.clock
+        return stepping
 
     def _flat(self, counts: Mapping[str, int]) -> Flat:
         return self._opened.flat(self._system, self._scope, self.cuts, counts)
@@ -243,6 +244,7 @@ class Work:
             places=MappingProxyType({**names.places, **weaver.declared.sources}),
             values=values,
             remarks=report.told,
+            stepped=self.stepping.replaced,
         )
 
 

@@ -1,0 +1,77 @@
+"""Whether half the step of a drawn model gives the same values."""
+
+import re
+
+import numpy as np
+import pytest
+from simulink_files import Model
+
+from kennfeld import cli
+
+PROJECT = """[model]
+file = "lag.slx"
+[[dataset]]
+files = "drive.csv"
+[[criterion]]
+node = "y"
+target = "z"
+[parameters.Rate]
+initial = {rate}
+"""
+
+
+@pytest.fixture
+def lag(shop):
+    """A project on y' = Rate * (u - y) with a solver of a variable step, over steps of 10 ms."""
+
+    def drawn(rate, solver="ode15s"):
+        model = Model("lag", solver=solver, step="auto" if solver == "ode15s" else "0.01")
+        model.inport("u")
+        model.block("Sum", "Error", ports=(2, 1), Inputs="+-")
+        model.block("Gain", "Rate", Gain="Rate")
+        model.block("Integrator", "Lag")
+        model.outport("y")
+        model.line("u", "Error:1")
+        model.line("Lag", "Error:2")
+        model.chain("Error", "Rate", "Lag")
+        model.line("Lag", "y")
+        model.write(shop.folder, "slx parts")
+        time = 0.01 * np.arange(400)
+        shop.csv("drive.csv", {"time": time, "u": np.sin(3 * time), "z": np.sin(3 * time)})
+        shop.toml = PROJECT.format(rate=rate)
+        return shop
+
+    return drawn
+
+
+def warnings(shop):
+    return [finding for finding in shop.project.check() if "half the step of" in finding.what]
+
+
+def test_a_step_that_a_stiff_model_explodes_with_is_told_with_one_that_is_short_enough(lag):
+    shop = lag(2000.0)
+    (found,) = warnings(shop)
+    assert "step" in found.place
+    assert "with half the step of 0.01 s, y " in found.what
+    (step,) = re.findall(r"Write step = (\S+) under", found.mend)
+    assert 2000.0 * float(step) < 2.79  # where ode4 is stable
+    shop.change('file = "lag.slx"', f'file = "lag.slx"\nstep = {step}')
+    assert warnings(shop) == []
+
+
+def test_a_step_that_is_stable_but_inexact_is_told_too(lag):
+    """At Rate * step = 2.7 ode4 still shrinks, by a factor of 0.88 a step in place of 0.07."""
+    (found,) = warnings(lag(270.0))
+    assert re.search(r"y differs by \d+% of what it varies", found.what)
+
+
+@pytest.mark.parametrize(("rate", "solver"), [(20.0, "ode15s"), (270.0, "ode4")])
+def test_nothing_is_told_where_half_the_step_gives_the_same_or_the_step_is_the_models_own(lag, rate, solver):
+    assert warnings(lag(rate, solver)) == []
+
+
+def test_samples_between_those_of_the_data_are_not_counted(lag, capsys):
+    shop = lag(20.0)
+    shop.change('file = "lag.slx"', 'file = "lag.slx"\nstep = 0.0025')
+    assert cli.run(["check", str(shop.project.path)]) == 0
+    assert "400 training samples" in capsys.readouterr().out
