@@ -17,7 +17,7 @@ from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Parame
 if TYPE_CHECKING:
     from simulink_files import Model
 
-WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles", "models")]
+WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles", "models/simulink")]
 END = "***End_of_Header***"  # of LabVIEW
 _MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
 LARGEST = 300_000  # bytes of a real file that is damaged as well

@@ -1,4 +1,4 @@
-"""What the native code shall give, written down from DESIGN.md in numpy."""
+"""What the native code shall give, written down in numpy."""
 
 from dataclasses import dataclass
 

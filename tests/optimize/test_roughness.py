@@ -25,7 +25,7 @@ def roughness(table, *factors):
 
 
 def by_definition(table, axis):
-    """R of one axis, line by line, point by point, as DESIGN.md writes it."""
+    """R of one axis, line by line, point by point, as docs/method.md writes it."""
     x = table.axes[axis].breakpoints
     x = x / ((x[-1] - x[0]) / (x.size - 1))
     total = 0.0

@@ -1,8 +1,7 @@
 """Sums over a tape of linearised steps: gradient and Gauss-Newton matrix, or the Jacobian's rows.
 
 They know the numbers of outputs m and of carried states n, and nothing of the model. Every sum goes into a matrix G
-with H = G + G', which takes repeated columns as they come: `fold` makes H of it. The recursions are those of
-DESIGN.md, "Exact derivatives".
+with H = G + G', which takes repeated columns as they come: `fold` makes H of it.
 """
 
 from collections.abc import Callable, Collection, Sequence

@@ -20,7 +20,7 @@ __all__ = ["step_warning"]
 _NEAR = 0.01  # of what a node varies
 _USUAL = 0.95  # of the samples; events that move by a step make large differences in few
 _HALVINGS = 6
-_MOST_SAMPLES = 20_000
+_MOST_SAMPLES = 5_000
 _MOST_STEPS = 1_000_000  # of one run
 
 

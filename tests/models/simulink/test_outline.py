@@ -8,7 +8,7 @@ from simulink_files import LAYOUTS, Chart, Mask, Model
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.outline import outline
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 
 
 def engine(**options):

@@ -13,7 +13,7 @@ from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.models.simulink.parts import inspect_simulink
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public models in {DATA}")
 
 IDLE = {

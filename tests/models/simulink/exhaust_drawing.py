@@ -1,6 +1,6 @@
 """The example of `examples/simulink`: its drawing, its true values, and its recordings, computed without the drawing.
 
-    python tests/models/exhaust_drawing.py examples/simulink
+    python tests/models/simulink/exhaust_drawing.py examples/simulink
 
 writes the files again.
 """

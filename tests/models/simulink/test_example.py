@@ -12,7 +12,7 @@ from kennfeld import Project, cli
 from kennfeld.calfiles import read
 from kennfeld.models.simulink.importing import simulink
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "simulink"
 BIND = {"Sensor/Radiation": "0.15 * (t_wand - 20)"}
 CHANNELS = {"Speed": "n_mot", "Load": "rl", "Ignition": "zw", "Vehicle": "v_fzg", "t_wand": "t_wand"}
 

@@ -12,7 +12,7 @@ from kennfeld.models.simulink.files.document import document, read_document
 from kennfeld.models.simulink.files.ports import ports_of
 from kennfeld.models.simulink.files.tree import Endpoint, Ports, split
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 
 
 def engine():
