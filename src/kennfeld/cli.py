@@ -53,6 +53,15 @@ VariableFiles = Annotated[
         "--parameters", help="Values of a Simulink model's variables; repeatable.", show_default=False, metavar="FILE"
     ),
 ]
+Bindings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--bind",
+        help='A channel or formula in place of a block of a Simulink model, "PATH=FORMULA"; repeatable.',
+        show_default=False,
+        metavar="BINDING",
+    ),
+]
 DescriptionFile = Annotated[
     Path | None,
     typer.Option(
@@ -418,6 +427,7 @@ def info(
     subsystem: Subsystem = "",
     values: VariableFiles = None,
     folders: Folders = None,
+    bind: Bindings = None,
 ) -> int:
     """Show what is in a file.
 
@@ -429,11 +439,20 @@ def info(
     from kennfeld.terminal.contents import Part, contents
     from kennfeld.terminal.search import searched
 
-    found = contents(path, a2l, Part(subsystem, values or (), folders or ()))
+    found = contents(path, a2l, Part(subsystem, values or (), folders or (), _bindings(bind)))
     if search.strip():
         found = searched(found, search)
     say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
     return DONE
+
+
+def _bindings(texts: list[str] | None) -> dict[str, str]:
+    """Formulas by the paths of the blocks that they take the place of."""
+    pairs = [text.partition("=") for text in texts or ()]
+    if odd := [path for path, sign, _ in pairs if not sign]:
+        mend = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
+        raise InputError(Finding(f"--bind {path}", "says no formula", mend) for path in odd)
+    return {path.strip(): formula.strip() for path, _, formula in pairs}
 
 
 @app.command()
@@ -448,6 +467,7 @@ def convert(
     subsystem: Subsystem = "",
     values: VariableFiles = None,
     folders: Folders = None,
+    bind: Bindings = None,
 ) -> int:
     """Turn a calibration file into another format, or a Simulink model into formula text.
 
@@ -460,7 +480,8 @@ def convert(
     if source.suffix.lower() in (".slx", ".mdl", ".slxp"):
         from kennfeld.models.simulink.text import write_formula
 
-        say(*(f"Written to {path}" for path in write_formula(source, target, subsystem, values or (), folders or ())))
+        made = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))
+        say(*(f"Written to {path}" for path in made))
         return DONE
 
     [parameters], remarks = calfiles.read_several([source], a2l)

@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from kennfeld import calfiles, measurement
@@ -74,11 +75,12 @@ class Contents:
 
 
 class Part(NamedTuple):
-    """What to look at of a Simulink model: a subsystem, with values for variables and folders of libraries."""
+    """What to look at of a Simulink model: a subsystem, with values for variables, folders of libraries, cut blocks."""
 
     subsystem: str = ""
     parameters: Sequence[str | Path] = ()
     folders: Sequence[str | Path] = ()
+    bind: Mapping[str, str] = MappingProxyType({})
 
 
 WHOLE = Part()
@@ -326,7 +328,7 @@ def _simulink(file: Path, part: Part) -> Contents:
         from kennfeld.models.simulink.parts import inspect_simulink  # all block types
 
         try:
-            report = inspect_simulink(file, part.subsystem or None, part.parameters, part.folders)
+            report = inspect_simulink(file, part.subsystem or None, part.parameters, part.folders, part.bind)
         except InputError as error:
             if any(part):  # what was asked for does not fit
                 raise

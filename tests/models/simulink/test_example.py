@@ -10,6 +10,7 @@ from simulink_runs import run
 
 from kennfeld import Project, cli
 from kennfeld.calfiles import read
+from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.importing import simulink
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "simulink"
@@ -78,3 +79,33 @@ def test_a_part_as_text_gives_the_same_in_a_project(calibrated, capsys):
         path.write_text(model + rest, encoding="utf-8")
         made.append(Project.read(path).simulate()[0]["T_gas"].values)
     np.testing.assert_array_equal(*made)
+
+
+def test_a_block_is_bound_on_the_command_line_as_in_the_project(tmp_path, capsys):
+    write(tmp_path)
+    source, target = str(tmp_path / "exhaust.mdl"), tmp_path / "exhaust.kf"
+    more = ["--parameters", str(tmp_path / "exhaust.m"), "--bind", "Sensor/Radiation = " + BIND["Sensor/Radiation"]]
+    assert cli.run(["info", source, *more]) == 0
+    assert "all outputs can be calibrated" in capsys.readouterr().out
+    assert cli.run(["convert", source, str(target), *more]) == 0
+    values = read(target.with_suffix(".json"))
+    columns = drive(1)
+    given = {name: columns[column] for name, column in CHANNELS.items()}
+    drawn = simulink(source, parameters=[tmp_path / "exhaust.m"], bind=BIND)
+    found = run(read_formula(target), given, dt=0.2, parameters=values)["T_sensor"]
+    np.testing.assert_allclose(found, run(drawn, given, dt=0.2)["T_sensor"], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("binding", "told"),
+    [
+        ("Sensor/Radiation", "--bind Sensor/Radiation: says no formula"),
+        ("Sensr/Radiation=1", "there is no block Sensr/Radiation. Did you mean Sensor/Radiation?"),
+        ("Sensor/Radiation=", "is empty"),
+        ("Sensor/Radiation=0.15 *", "bind Sensor/Radiation"),
+    ],
+)
+def test_a_binding_that_says_nothing_is_told(binding, told, tmp_path, capsys):
+    write(tmp_path)
+    assert cli.run(["info", str(tmp_path / "exhaust.mdl"), "--bind", binding]) == 2
+    assert told in capsys.readouterr().err

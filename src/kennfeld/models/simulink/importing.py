@@ -50,22 +50,8 @@ def import_simulink(
     """As `simulink`, with a report of what became of every block, also where the model is not whole."""
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
-    cuts = _cuts(opened.path, bind or {}, prefix)
+    cuts = opened.cuts(bind or {}, prefix)
     work = Work(opened, system, scope, cuts, frozenset(promote), step)
     if wrong := misnamed(opened.path, promote, system, work.flat, prefix):
         raise InputError(wrong)
     return work.imported()
-
-
-def _cuts(path: Path, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
-    """The formulas of cut blocks by their paths within the imported system."""
-    for key, text in bind.items():
-        if not key.strip() or not text.strip():
-            raise InputError.of(
-                f"{path.name} bind", f'"{key}" = "{text}" is empty', 'Write "path" = "channel or formula".'
-            )
-    return {_within(key, prefix): text for key, text in bind.items()}
-
-
-def _within(key: str, prefix: str) -> str:
-    return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key

@@ -51,6 +51,14 @@ class Opened:
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
         return Opened(Path(path), document, variables, models, remarks, files)
 
+    def cuts(self, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
+        """The formulas of cut blocks by their paths within the imported system, which `prefix` leads to."""
+        for key, text in bind.items():
+            if not key.strip() or not text.strip():
+                what = f'"{key}" = "{text}" is empty'
+                raise InputError.of(f"{self.path.name} bind", what, 'Write "path" = "channel or formula".')
+        return {_within(key, prefix): text for key, text in bind.items()}
+
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
         """The system of a path, the names it sees, and its whole path; raises `InputError` where there is none."""
         document, scope = self.document, Scope(self.variables)
@@ -86,6 +94,10 @@ class Opened:
             return flatten(system, scope, cuts, opaque(), self.models, named_by_masks(), counts)
         except OverflowError as error:
             raise InputError.of(self.path.name, str(error)) from None
+
+
+def _within(key: str, prefix: str) -> str:
+    return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
 
 
 def _seen(document: Document, around: Variables) -> dict[str, Variable]:

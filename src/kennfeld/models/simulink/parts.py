@@ -4,7 +4,7 @@ A subsystem is tried where none of its blocks is known to be unsupported; where 
 those within it are tried. So each block is looked at a few times at most, and the operations of all trials have an end.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,14 +34,16 @@ def inspect_simulink(
     subsystem: str | None = None,
     parameters: Iterable[Given] = (),
     folders: Iterable[str | Path] = (),
+    bind: Mapping[str, str] | None = None,
 ) -> ImportReport:
     """What an import makes of a file or a subsystem and, where that stops, which subsystems within can be imported.
 
-    Raises `InputError` where the file cannot be read, or has more blocks than any model.
+    The arguments are those of `simulink`. Raises `InputError` where the file cannot be read, or has more blocks than
+    any model.
     """
     opened = Opened.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
-    report = Work(opened, system, scope).inspected()
+    report = Work(opened, system, scope, opened.cuts(bind or {}, prefix)).inspected()
     if report.whole:
         return report
     search = _Search(opened, report, len(split(prefix)) if prefix else 0)

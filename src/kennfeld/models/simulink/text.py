@@ -1,7 +1,7 @@
 """A Simulink model as formula text, with its parameters in a file beside it."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,20 +22,21 @@ def write_formula(
     subsystem: str = "",
     parameters: Iterable[str | Path] = (),
     folders: Iterable[str | Path] = (),
+    bind: Mapping[str, str] | None = None,
 ) -> tuple[Path, ...]:
     """Write the model in a Simulink file as formula text that gives the same results, and give the paths written.
 
     Nodes are called by their blocks, or by the paths of those where a name would mean two things, and stand below the
     paths of their subsystems. What runs in another way than in Simulink stands in comments on top. The values of its
-    parameters go to a `.json` of the same name, where there are some. Raises `InputError` where an output cannot be
-    built, or nothing be written.
+    parameters go to a `.json` of the same name, where there are some. `bind` is as in `simulink`. Raises `InputError`
+    where an output cannot be built, or nothing be written.
     """
     from kennfeld.calfiles import write as write_parameters
 
     source, target = Path(source), Path(target)
     if target.suffix.lower() != ".kf":
         raise InputError.of(str(target), "a model is written as formula text", "Name a file that ends in .kf.")
-    found = import_simulink(source, subsystem or None, parameters, folders=folders)
+    found = import_simulink(source, subsystem or None, parameters, bind, folders=folders)
     if found.model is None:
         raise InputError(found.report.findings)
     head = [f"{source.name}{f', {subsystem}' if subsystem else ''}, read by Kennfeld", *found.report.substitutions]
