@@ -86,7 +86,8 @@ class Inspection:
         training, samples = found.groups, touching_samples(compiled, full)
         deviation = found.deviation(error=True)
         split = _Split(problem, compiled)
-        seen = found.informed | (self.values != compiled.start[: self.values.size])
+        moved = self.values != compiled.start[: self.values.size]
+        seen = found.informed | moved
         informed = {name: self.informed.get(name, also) for name, also in split(seen).items()}
         known = np.zeros(self.values.size, dtype=bool)
         for name, columns in split.columns.items():
@@ -100,7 +101,7 @@ class Inspection:
             deviation=split(deviation),
             scatter=split(found.deviation(error=False)),
             by_smoothness=split(~found.met & known & np.isfinite(deviation) & (deviation > 0)),
-            directions=self._directions(found, split, informed, parameters, samples),
+            directions=self._directions(found, split, informed, moved & ~found.informed, parameters, samples),
             holdings=(*self._outputs_held(found, outputs, split), *self._distances(split, full)),
             remark=self._remark(found),
             estimate=found,
@@ -112,15 +113,18 @@ class Inspection:
         found: Estimate,
         split: "_Split",
         informed: Mapping[str, Bool],
+        searched: Bool,
         parameters: ParameterSet,
         samples: Int,
     ) -> tuple[Direction, ...]:
-        """Values that nothing informs, table by table; then the weak directions of the others."""
+        """Values that nothing informs, and those only `searched`, table by table; then the weak directions."""
         axes = {name: axis.places[0] for name, axis in split.axes.items()}
         words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(samples), axes)
         held = split(found.reduction.held)
         open_values = {name: ~seen & ~held[name] for name, seen in informed.items()}
         idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
+        blind = {name: where & ~held[name] for name, where in split(searched).items() if name not in axes}
+        idle += [words.searched(name, where) for name, where in blind.items() if where.any()]
         tables = {name: where for name, where in held.items() if name not in axes}
         candidates = shapes(self.problem.model.graph, parameters, tables)
         changes = np.zeros((len(candidates), self.values.size))

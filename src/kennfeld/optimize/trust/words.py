@@ -74,12 +74,7 @@ class Describer:
         count = int(np.count_nonzero(where))
         if name in self._free_axes:
             return self._idle_breakpoints(name, where)
-        if count < where.size:
-            places = [self._place(name, at) for at in np.argwhere(where)[:NAMED].tolist()]
-            more = ", ..." if count > NAMED else ""
-            which = f"{count} of {where.size} values of {name} ({', '.join(places)}{more})"
-        else:
-            which = name if count == 1 else f"any value of {name}"
+        which = self._some(name, where, f"any value of {name}")
         keeps = "it keeps its start" if count == 1 else "they keep their start"
         mends = ["Record samples there", "lock it" if count == 1 else "lock them"]
         if self._samples[name].any() and max(where.shape, default=0) > 2:
@@ -88,6 +83,27 @@ class Describer:
         return Direction(
             sentence, f"{_listed(mends, 'or')}.", {name: where.astype(np.float64)}, True, 0.0, float("inf")
         )
+
+    def searched(self, name: str, where: Bool) -> Direction:
+        """Values that a search has moved, and that change nothing in small steps."""
+        which = self._some(name, where, f"the values of {name}")
+        they = "it" if np.count_nonzero(where) == 1 else "they"
+        sentence = (
+            f"The search has moved {which}, but small changes around what it found change nothing: "
+            f"how far {they} may be off is not known."
+        )
+        return Direction(
+            sentence, "Simulate with neighbouring values.", {name: where.astype(np.float64)}, True, 0.0, float("inf")
+        )
+
+    def _some(self, name: str, where: Bool, all_of_them: str) -> str:
+        """Some values of a parameter by their places, or all of them."""
+        count = int(np.count_nonzero(where))
+        if count == where.size:
+            return name if count == 1 else all_of_them
+        places = [self._place(name, at) for at in np.argwhere(where)[:NAMED].tolist()]
+        more = ", ..." if count > NAMED else ""
+        return f"{count} of {where.size} values of {name} ({', '.join(places)}{more})"
 
     def _idle_breakpoints(self, name: str, where: Bool) -> Direction:
         """Breakpoints without data around them, or on a flat part of all their tables."""
