@@ -42,6 +42,7 @@ def workplace(tmp_path, monkeypatch):
         folder = tmp_path / "work"
         if document.name == "README.md":
             shutil.copytree(ROOT / "examples" / "air-flow", folder)
+            add_model(folder)
         elif document.name == "simulink-example.md":
             shutil.copytree(ROOT / "examples" / "simulink", folder)
         else:
