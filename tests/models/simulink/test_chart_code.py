@@ -1,5 +1,6 @@
 """Code in charts: functions, the statements of MATLAB, elements of arrays; against the same written in Python."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from chart_runs import IO, U, V, drawn_chart, lone, muxed
 from simulink_files import Chart, Model
 from simulink_runs import imported, run, slopes
+
+from kennfeld.errors import InputError
 
 FUNCTIONS = Chart(
     {
@@ -169,3 +172,39 @@ def test_derivatives_pass_by_what_lies_beyond_an_array(tmp_path):
         exact, near = slopes(model, {"u": U[:6]}, name, "y_out")
         np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
         assert np.all(exact[2:] != 0)
+
+
+@pytest.mark.parametrize(
+    ("code", "wanted"),
+    [
+        ("y = any(x > 1) + 2*all(x > -2);", lambda x: float((x > 1).any()) + 2 * float((x > -2).all())),
+        ("y = mean(x) + 10*median(x);", lambda x: x.mean() + 10 * np.median(x)),
+        ("[m, i] = max(x); y = m + 10*i;", lambda x: x.max() + 10 * (x.argmax() + 1)),
+        ("[m, ~] = min(x); y = m;", np.min),
+        ("s = sort(x); y = s(2) + size(x, 2) + 5*isempty(x);", lambda x: np.sort(x)[1] + 3),
+        ("y = xor(x(1) > 0, x(2) > 0) + sum(x, 2);", lambda x: float((x[0] > 0) != (x[1] > 0)) + x.sum()),
+        ("y = interp1([0 1 2], [5 6 9], min(x(3), 2));", lambda x: np.interp(x[2], [0, 1, 2], [5, 6, 9])),
+        ("y = norm(x) + dot(x, [1 2 3]);", lambda x: np.linalg.norm(x) + x @ [1, 2, 3]),
+    ],
+)
+def test_a_chart_in_matlab_knows_the_functions_of_matlab(code, wanted, tmp_path):
+    data = [*IO, ("x", "LOCAL_DATA", "[0 0 0]", "[1 3]"), ("s", "LOCAL_DATA", "[0 0 0]", "[1 3]")]
+    data += [("m", "LOCAL_DATA"), ("i", "LOCAL_DATA")]
+    chart = lone(f"during:\nx = [u, 1 - u*u, abs(u)];\n{code}", data, language="MATLAB")
+    found = run(imported(drawn_chart(chart), tmp_path), {"u": U})["y_out"]
+    np.testing.assert_allclose(found[1:], [wanted(np.array([u, 1 - u * u, abs(u)])) for u in U[1:]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("language", "code", "told"),
+    [
+        ("MATLAB", "y = fft(u);", "the function fft is not known for signals"),
+        ("MATLAB", "y = mean(u, 1, 2, 3);", "mean gets 4 arguments"),
+        ("MATLAB", "[y, z] = fft(u);", "it takes several results of fft, which is no function"),
+        ("C", "y = mean(u);", "the function mean is not known for signals"),
+    ],
+)
+def test_functions_that_a_chart_does_not_know_are_told(language, code, told, tmp_path):
+    chart = lone(f"during:\n{code}", [*IO, ("z", "LOCAL_DATA")], language=language)
+    with pytest.raises(InputError, match=re.escape(told)):
+        imported(drawn_chart(chart), tmp_path)

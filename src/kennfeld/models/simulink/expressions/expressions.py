@@ -56,7 +56,8 @@ class Expressions:
         try:
             return Walk(self, scope, True, names).nodes(tree)
         except BeyondGraphError as beyond:
-            raise NoValueError(str(beyond)) from None
+            unknown = f"the function {beyond.function} is not known for signals"
+            raise NoValueError(unknown if beyond.function else str(beyond)) from None
 
     def tree_numbers(self, tree: m.Expression, scope: Scope) -> Array:
         """The numbers of an expression that is a tree already; raises `NoValueError`."""

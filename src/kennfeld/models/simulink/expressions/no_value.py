@@ -12,4 +12,8 @@ class NoValueError(Exception):
 
 
 class BeyondGraphError(Exception):
-    """An expression that only numbers can tell."""
+    """An expression that only numbers can tell; `function` is the one in it, if that is why."""
+
+    def __init__(self, why: str, function: str = "") -> None:
+        super().__init__(why)
+        self.function = function

@@ -174,11 +174,11 @@ class Walk:
         if name not in KNOWN:
             for argument in tree.arguments:  # a variable without a value is told by its name
                 self.value(argument)
-            raise BeyondGraphError(f"the function {name} is for numbers")
+            raise BeyondGraphError(f"the function {name} is for numbers", name)
         args = [self.nodes(argument) for argument in tree.arguments]
         made = applied(self.loom, name, args)
         if made is None:
-            raise BeyondGraphError(f"the function {name} is for numbers")
+            raise BeyondGraphError(f"the function {name} is for numbers", name)
         return made
 
     def _shaped(self, name: str, arguments: tuple[m.Expression, ...]) -> Nodes:

@@ -92,16 +92,28 @@ class Statements:
             self._store(targets[0], self.values.nodes(value, context, guard), context, guard)
             return guard
         name = value.of.name if isinstance(value, m.Call) and isinstance(value.of, m.Name) else ""
-        function = self.values.diagram.function(name, context.scope)
-        if function is None or not isinstance(value, m.Call):
-            raise UnsupportedError(f"{context.place}: it takes several results of what is no function of the chart")
-        given = self.values.given(value.arguments, context, guard)
-        results, after = self.machine.functions.call(function, given, context, guard)
+        if not isinstance(value, m.Call):
+            raise UnsupportedError(f"{context.place}: it takes several results of what is no function")
+        results, after = self._results(name, value.arguments, len(targets), context, guard)
         if len(results) < len(targets):
             raise UnsupportedError(f"{context.place}: it takes {len(targets)} results of {name}, which has fewer")
         for target, result in zip(targets, results, strict=False):
             self._store(target, result, context, guard)
         return after
+
+    def _results(
+        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: Context, guard: Guard
+    ) -> tuple[list[Nodes], Guard | None]:
+        """The results of a function of the chart or of MATLAB, and the guard where what called it goes on."""
+        function = self.values.diagram.function(name, context.scope)
+        if function is not None:
+            given = self.values.given(arguments, context, guard)
+            return self.machine.functions.call(function, given, context, guard)
+        results = self.values.library(name, arguments, wanted, context, guard)
+        if not results:
+            what = f"it takes several results of {name}, which is no function of the chart or of MATLAB that is known"
+            raise UnsupportedError(f"{context.place}: {what}")
+        return results, guard
 
     def _store(self, target: m.Expression | None, new: Nodes, context: Context, guard: Guard) -> None:
         if target is None:

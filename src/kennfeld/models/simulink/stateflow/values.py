@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
+from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.expressions.arrays import each, fold
 from kennfeld.models.simulink.expressions.expressions import Expressions
 from kennfeld.models.simulink.expressions.no_value import NoValueError
@@ -22,6 +23,7 @@ from kennfeld.models.simulink.stateflow.context import Context
 from kennfeld.models.simulink.stateflow.diagram import Diagram, Event, State
 from kennfeld.models.simulink.stateflow.elements import Elements
 from kennfeld.models.simulink.stateflow.guards import Guard, Logic
+from kennfeld.models.simulink.stateflow.library import is_of_library, results_of
 from kennfeld.models.simulink.stateflow.timers import CHANGES, TEMPORAL
 from kennfeld.models.simulink.stateflow.variables import Variables
 from kennfeld.models.simulink.variables.scopes import Scope
@@ -164,7 +166,22 @@ class Values:
         if name == "isnan" and len(arguments) == 1:
             asked = self.nodes(arguments[0], context, guard)
             return each(self.loom, "ne", asked, asked)
-        return self._filled(name, arguments, context, guard) if name in _FILLED else None
+        if name in _FILLED:
+            return self._filled(name, arguments, context, guard)
+        found = self.library(name, arguments, 1, context, guard)
+        return found[0] if found else None
+
+    def library(
+        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: Context, guard: Guard
+    ) -> list[Nodes]:
+        """The results of a function of MATLAB in a chart whose language that is; none of what is none of them."""
+        if self.diagram.chart.language == "C" or not is_of_library(name):
+            return []
+        given = [one.value if isinstance(one, m.Text) else self.nodes(one, context, guard) for one in arguments]
+        try:
+            return results_of(self.loom, name, given, wanted)
+        except CodeError as error:
+            raise UnsupportedError(f"{context.place}: {error.what}", error.mend) from None
 
     def _filled(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes:
         """An array of a number that is none, or infinite; the name of a type behind its sizes is passed over."""
