@@ -9,6 +9,7 @@ from simulink_files import LAYOUTS, Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 
 RNG = np.random.default_rng(23)
 COUNT, T = 60, 0.1
@@ -242,3 +243,12 @@ def test_the_old_controllers_of_the_extras(tmp_path):
     )
     found = run(imported(drawn, tmp_path), {"u1": np.ones(COUNT)})["y1"]
     np.testing.assert_allclose(found, 1.5 + 2 * t + 0.3 * 4 * np.exp(-4 * t), rtol=1e-4)
+
+
+@pytest.mark.parametrize(("domain", "continuous"), [("Discrete-time", False), ("Continuous-time", True)])
+def test_a_controller_says_whether_a_solver_advances_it(domain, continuous, tmp_path):
+    drawn = alone("Reference", special="PID 1dof", model=Model(solver="ode45", step="auto"), TimeDomain=domain,
+                  SampleTime="0.1" if not continuous else "-1", **WRITTEN)  # fmt: skip
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert any("ode45 -> ode4" in line for line in report.substitutions) is continuous
+    assert imported(drawn, tmp_path).stepped is continuous

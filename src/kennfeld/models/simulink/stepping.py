@@ -47,7 +47,7 @@ class Stepping:
         self.substitutions: list[str] = []
         self.remarks: list[str] = []
         self.found: list[str] = []
-        continuous = any(atom.kind in _CONTINUOUS for atom in atoms)
+        continuous = any(map(_is_continuous, atoms))
         periods = _periods(atoms, expressions)
         name = settings.name
         fixed = name.casefold() in {one.casefold() for one in _FIXED}
@@ -100,6 +100,11 @@ class Stepping:
             self.remarks.append(f"the solver's setting {text[:60]} has no value")
             return None
         return float(found.item()) if found.size == 1 else None
+
+
+def _is_continuous(atom: Atom) -> bool:
+    """Whether a block has continuous states; a controller says so itself."""
+    return atom.kind in _CONTINUOUS and atom.block.value("TimeDomain") != "Discrete-time"
 
 
 def _periods(atoms: Sequence[Atom], expressions: Expressions) -> list[float]:
