@@ -6,8 +6,9 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.matrices import as_matrix, inverse_of
 from kennfeld.models.simulink.expressions.arrays import fold, matrix_product, towards_zero
+from kennfeld.models.simulink.expressions.elementary import INVERSE_HYPERBOLIC
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest, scalar
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site, as_vector
 
@@ -74,7 +75,7 @@ def _collapsed(site: Site, op: str) -> Signal:
         lines = u.nodes if axis == 1 else u.nodes.T
         made = np.array([fold(site.loom, op, [int(n) for n in line]) for line in lines], dtype=np.int64)
         return Signal(made.reshape((1, -1) if axis == 0 else (-1, 1)), u.period)
-    return Signal(np.array([fold(site.loom, op, u.flat)], dtype=np.int64), u.period)
+    return scalar(fold(site.loom, op, u.flat), u.period)
 
 
 @block("Product", Inputs="2", Multiplication="Element-wise(.*)", SampleTime="-1", CollapseMode="All dimensions",
@@ -113,7 +114,7 @@ def _matrices(site: Site, signs: str) -> Signal:
 def dot_product(site: Site) -> Wired:
     """The sum of the products of two vectors' elements."""
     made = site.call("mul", site.input(0), site.input(1))
-    return Signal(np.array([fold(site.loom, "add", made.flat)], dtype=np.int64), made.period)
+    return scalar(fold(site.loom, "add", made.flat), made.period)
 
 
 @block("Bias", Bias="0")
@@ -152,7 +153,7 @@ def minmax(site: Site) -> Wired:
     op = site.chosen("Function", "min", "max")
     if site.count == 1:
         u = site.input()
-        return Signal(np.array([fold(site.loom, op, u.flat)], dtype=np.int64), u.period)
+        return scalar(fold(site.loom, op, u.flat), u.period)
     return site.fold(op, site.inputs)
 
 
@@ -251,19 +252,8 @@ def _trigonometric(site: Site, operator: str, u: Signal) -> Wired | tuple[Wired,
             return site.call("atan2", u, site.input(1))
         case "sincos":
             return site.call("sin", u), site.call("cos", u)
-        case "asinh":  # odd, so that large negative inputs do not cancel out
-            negative = site.call("lt", u, site.constant(0.0))
-            size = site.select(negative, site.call("neg", u), u)
-            root = site.call("sqrt", site.call("add", site.call("mul", u, u), site.constant(1.0)))
-            made = site.call("log", site.call("add", size, root))
-            return site.select(negative, site.call("neg", made), made)
-        case "acosh":
-            root = site.call("sqrt", site.call("sub", site.call("mul", u, u), site.constant(1.0)))
-            return site.call("log", site.call("add", u, root))
-        case "atanh":
-            one = site.constant(1.0)
-            ratio = site.call("div", site.call("add", one, u), site.call("sub", one, u))
-            return site.call("mul", site.constant(0.5), site.call("log", ratio))
+        case "asinh" | "acosh" | "atanh":
+            return Signal(INVERSE_HYPERBOLIC[operator](site.loom, u.nodes), u.period)
     raise UnsupportedError(f"Operator is {operator!r}, which is not supported")
 
 

@@ -39,7 +39,7 @@ def bitwise_operator(site: Site) -> Wired:
 
 def _word(site: Site) -> Word:
     """The integer type of the input; a complement and what a shift pushes out depend on it."""
-    word = word_of(site.atom.inputs[0] if site.atom.inputs else None)
+    word = word_of(site.source())
     if word is None:
         raise UnsupportedError(
             "its result depends on the integer type of its input, which the file does not say", _STATE
@@ -163,7 +163,7 @@ def bit_clear(site: Site) -> Wired:
 
 def _bit(site: Site) -> tuple[Signal, int]:
     """The input and the place of the bit; that of a sign would have another weight."""
-    bit, word = site.whole("iBit", 0, 52), word_of(site.atom.inputs[0] if site.atom.inputs else None)
+    bit, word = site.whole("iBit", 0, 52), word_of(site.source())
     if word is not None and bit >= word.bits - word.signed:
         raise UnsupportedError(f"bit {bit} is the sign of its input of {word.bits} bits, or beyond it")
     return site.call("floor", site.input()), bit

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.models.simulink.code.errors import MEND
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired
+from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Nodes, Signal, Wired, scalar
 from kennfeld.models.simulink.files.chart import Chart
 from kennfeld.models.simulink.stateflow.calls import Calls, port_names
 from kennfeld.models.simulink.stateflow.diagram import Data, Diagram, Event
@@ -262,7 +262,7 @@ class _Chart:
         return found
 
     def _comes(self, event: Event, node: int, period: float) -> int:
-        one = Signal(np.array([node], dtype=np.int64), period)
+        one = scalar(node, period)
         if event.written.trigger == "FUNCTION_CALL_EVENT":
             return int(self.site.call("ne", one, self.site.constant(0.0)).nodes[0])
         kind = _EDGES.get(event.written.trigger)
@@ -285,7 +285,7 @@ class _Chart:
         if event is not None and event.written.scope == "OUTPUT_EVENT":
             key = f"output {event.key}"
             if event.written.trigger == "FUNCTION_CALL_EVENT":
-                return Signal(np.array([self._at_hit(self.calls.node(name))], dtype=np.int64), period)
+                return scalar(self._at_hit(self.calls.node(name)), period)
             return Signal(as_vector(self._kept(key, machine, before)), period)
         state = next((one for one in self.given.states if one.output == name), None)
         if state is None or state.id not in self.diagram.states:
@@ -293,7 +293,7 @@ class _Chart:
                 f"its output {name} tells which state is active by a number that the file does not say"
             )
         node = machine.activity.active(self.diagram.states[state.id], self.logic.always)
-        return Signal(np.array([node], dtype=np.int64), period)
+        return scalar(node, period)
 
     def _kept(self, key: str, machine: Machine, before: Mapping[str, Nodes]) -> Nodes:
         now = machine.variables.values[key]

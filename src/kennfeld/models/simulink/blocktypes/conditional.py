@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from kennfeld.models.simulink.blocktypes.continuous import reset_signal
 from kennfeld.models.simulink.blocktypes.places import cases_of
 from kennfeld.models.simulink.expressions.arrays import fold
@@ -20,7 +18,7 @@ __all__ = ["restart"]
 def control(site: Site) -> tuple[Wired, ...]:
     """Whether a conditional subsystem runs, and whether the memories in it begin anew."""
     ports = [port for port in site.atom.special if port != "reset"]
-    conditions = {port: _condition(site, port, site.input(list(site.atom.special).index(port))) for port in ports}
+    conditions = {port: _condition(site, port, _at(site, port)) for port in ports}
     outer = site.weaver.gates.active(site.atom)
     if outer is not None:
         conditions["outer"] = scalar(outer)
@@ -29,6 +27,11 @@ def control(site: Site) -> tuple[Wired, ...]:
         return active, restart(site, active)
     triggered = _all(site, [conditions[port] for port in ("trigger", "outer") if port in conditions])
     return active, restart(site, active, triggered)
+
+
+def _at(site: Site, port: str) -> Signal:
+    """The signal at one of the special ports, which are the inputs in their order."""
+    return site.input(list(site.atom.special).index(port))
 
 
 def _all(site: Site, conditions: list[Signal]) -> Signal:
@@ -46,8 +49,7 @@ def restart(site: Site, active: Signal, triggered: Signal | None = None) -> Sign
         events.append(_enabled_again(site, active, triggered))
     if "reset" in site.atom.special:
         port = site.atom.special["reset"]
-        signal = site.input(list(site.atom.special).index("reset"))
-        events.append(reset_signal(site, signal, port.value("ResetTriggerType") or "level"))
+        events.append(reset_signal(site, _at(site, "reset"), port.value("ResetTriggerType") or "level"))
     return site.fold("or", events) if events else site.constant(0.0)
 
 
@@ -77,7 +79,7 @@ def _condition(site: Site, port: str, u: Signal) -> Signal:
 
 def _any(site: Site, truths: Signal) -> Signal:
     """1 where one of the elements is: a control signal that is a vector counts by any of them."""
-    return Signal(np.array([fold(site.loom, "or", truths.flat)], dtype=np.int64), truths.period)
+    return scalar(fold(site.loom, "or", truths.flat), truths.period)
 
 
 @block("Held", InitialOutput="[]", OutputWhenDisabled="held")
@@ -90,8 +92,7 @@ def _held(site: Site, wired: Wired) -> Wired:
     wired = wired.signal if isinstance(wired, OpenBus) else wired
     if isinstance(wired, Bus):
         return Bus({name: _held(site, member) for name, member in wired.members.items()})
-    text = site.text("InitialOutput")
-    init = site.constant(0.0) if text in ("[]", "") else site.parameter("InitialOutput")
+    init = site.initial_output() or site.constant(0.0)
     active = site.weaver.gates.active(site.atom)
     if active is None:
         return wired
@@ -140,8 +141,8 @@ def _merged_initially(site: Site, sources: Sequence[Source]) -> Signal:
     """What a Merge begins with: its own initial output, else the last one that the outputs before it state."""
     stating = [site, *(site.weaver.site(source.atom) for source in reversed(sources) if source.atom.kind == "Held")]
     for one in stating:
-        if one.text("InitialOutput") not in ("[]", ""):
-            return one.parameter("InitialOutput")
+        if (stated := one.initial_output()) is not None:
+            return stated
     return site.constant(0.0)
 
 

@@ -27,7 +27,7 @@ def _fixed(site: Site) -> float:
     """The fixed value at the input that says how many passes there are."""
     signal = site.input()
     value = site.loom.value(signal.flat[0]) if signal.size == 1 else None
-    source = site.atom.inputs[0] if site.atom.inputs else None
+    source = site.source()
     if value is None and source is not None and source.atom.kind == "Constant":
         try:
             numbers = site.weaver.expressions.numbers(source.atom.block.value("Value") or "1", source.atom.scope)
@@ -94,7 +94,7 @@ def _last(site: Site, outputs: list[Wired], passes: list[Signal]) -> Wired:
     made: list[Signal] = []
     y = signals[0]
     if site.loom.value(passes[0].flat[0]) != 1:
-        init = site.constant(0.0) if site.text("InitialOutput") in ("[]", "") else site.parameter("InitialOutput")
+        init = site.initial_output() or site.constant(0.0)
         init = Signal(resized(init.nodes, y.shape))
         y = site.select(passes[0], y, site.weaver.memories.always_later(site, init, lambda: made[0]))
     for active, signal in zip(passes[1:], signals[1:], strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.places import listed, positions
 from kennfeld.models.simulink.expressions.arrays import fold
-from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest
+from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest, scalar
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
 
@@ -158,7 +158,7 @@ def cross_product(site: Site) -> Wired:
 def determinant(site: Site) -> Wired:
     """The determinant of a matrix."""
     x = site.input()
-    return Signal(np.array([determinant_of(site, _square(as_matrix(x)))], dtype=np.int64), x.period)
+    return scalar(determinant_of(site, _square(as_matrix(x))), x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)

@@ -8,8 +8,7 @@ import numpy as np
 from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.words import word_of
 from kennfeld.models.simulink.expressions.arrays import towards_zero
-from kennfeld.models.simulink.expressions.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves
-from kennfeld.models.simulink.flattening.atoms import Source
+from kennfeld.models.simulink.expressions.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves, scalar
 from kennfeld.models.simulink.flattening.wires import member_names
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
@@ -29,7 +28,7 @@ def passed(site: Site) -> Wired:
 def conversion(site: Site) -> Wired:
     """The signal itself, since values are physical; as a truth value 1 wherever it is not 0."""
     wanted = _wanted_type(site)
-    if site.text("ConvertRealWorld").startswith("Stored") and not (_is_plain(wanted) and word_of(_source(site))):
+    if site.text("ConvertRealWorld").startswith("Stored") and not (_is_plain(wanted) and word_of(site.source())):
         what = "it takes a number by its stored bits, and types of fixed point are left aside"
         raise UnsupportedError(what, "Put a Gain of the scaling in its place, or bind it.")
     if wanted in ("boolean", "logical"):
@@ -44,10 +43,6 @@ def _wanted_type(site: Site) -> str:
         if written and written != "auto" and not written.startswith(("Inherit", "Specify")):
             return written
     return ""
-
-
-def _source(site: Site) -> Source | None:
-    return site.atom.inputs[0] if site.atom.inputs else None
 
 
 def _is_plain(name: str) -> bool:
@@ -293,7 +288,7 @@ def _picked(site: Site, nodes: Nodes, axis: int, places: Signal) -> Nodes:
         made = Signal(np.atleast_1d(slices[-1]))
         for at in reversed(range(len(slices) - 1)):
             limit = site.loom.const(at + 1.0 + first)
-            here = Signal(np.array([site.loom.call("lt", place, limit)], dtype=np.int64))
+            here = scalar(site.loom.call("lt", place, limit))
             made = site.select(here, Signal(np.atleast_1d(slices[at])), made)
         picked.append(made.nodes)
     return np.stack([one.reshape(np.take(nodes, 0, axis=axis).shape) for one in picked], axis=axis)

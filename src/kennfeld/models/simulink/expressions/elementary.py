@@ -9,7 +9,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions.arrays import each, fold, towards_zero
 from kennfeld.models.simulink.expressions.signals import Nodes
 
-__all__ = ["BINARY", "KNOWN", "ONE", "PLAIN", "TWO", "Rule", "applied"]
+__all__ = ["BINARY", "INVERSE_HYPERBOLIC", "KNOWN", "ONE", "PLAIN", "TWO", "Rule", "applied"]
 
 Rule: TypeAlias = Callable[..., Nodes]
 
@@ -49,6 +49,30 @@ def _hypotenuse(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
     return each(loom, "sqrt", each(loom, "add", each(loom, "mul", a, a), each(loom, "mul", b, b)))
 
 
+def _constant(loom: Loom, value: float) -> Nodes:
+    """A constant that expands against arrays of any number of dimensions."""
+    return np.array(loom.const(value), dtype=np.int64)
+
+
+def _asinh(loom: Loom, x: Nodes) -> Nodes:
+    """Odd, so that large negative numbers do not cancel out; the slope at 0 is 1."""
+    negative = each(loom, "lt", x, _constant(loom, 0.0))
+    size = each(loom, "select", negative, each(loom, "neg", x), x)
+    root = each(loom, "sqrt", each(loom, "add", each(loom, "mul", x, x), _constant(loom, 1.0)))
+    made = each(loom, "log", each(loom, "add", size, root))
+    return each(loom, "select", negative, each(loom, "neg", made), made)
+
+
+def _acosh(loom: Loom, x: Nodes) -> Nodes:
+    root = each(loom, "sqrt", each(loom, "sub", each(loom, "mul", x, x), _constant(loom, 1.0)))
+    return each(loom, "log", each(loom, "add", x, root))
+
+
+def _atanh(loom: Loom, x: Nodes) -> Nodes:
+    ratio = each(loom, "div", each(loom, "add", _constant(loom, 1.0), x), each(loom, "sub", _constant(loom, 1.0), x))
+    return each(loom, "mul", _constant(loom, 0.5), each(loom, "log", ratio))
+
+
 def _operation(op: str) -> Rule:
     return lambda loom, *args: each(loom, op, *args)
 
@@ -65,12 +89,13 @@ TWO: Final[Mapping[str, Rule]] = {
     "hypot": _hypotenuse,
     "rem": _remainder,
 }
+INVERSE_HYPERBOLIC: Final[Mapping[str, Rule]] = {"asinh": _asinh, "acosh": _acosh, "atanh": _atanh}
 _ONE_ELSEWHERE: Final[Mapping[str, Rule]] = {
     "ln": _operation("log"),
     "sgn": _operation("sign"),
     "fabs": _operation("abs"),
     "square": lambda loom, x: each(loom, "mul", x, x),
-    "reciprocal": lambda loom, x: each(loom, "div", np.array([[loom.const(1.0)]]), x),
+    "reciprocal": lambda loom, x: each(loom, "div", _constant(loom, 1.0), x),
 }
 _TWO_ELSEWHERE: Final[Mapping[str, Rule]] = {
     "pow": _operation("pow"),

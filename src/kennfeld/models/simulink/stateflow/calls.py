@@ -82,10 +82,9 @@ class Calls:
     def start(self, at: int) -> Nodes:
         """What a late input is before the first call."""
         source = self.site.atom.inputs[at]
-        text = source.atom.block.value("InitialOutput") if source is not None and source.atom.kind == "Held" else None
-        if source is None or text in (None, "", "[]"):
-            return self.site.constant(0.0).nodes.reshape(-1, 1)
-        return self.site.weaver.site(source.atom).parameter("InitialOutput").nodes.reshape(-1, 1)
+        held = source is not None and source.atom.kind == "Held"
+        stated = self.site.weaver.site(source.atom).initial_output() if source is not None and held else None
+        return (stated or self.site.constant(0.0)).nodes.reshape(-1, 1)
 
     def node(self, name: str) -> int:
         """The node that is 1 where the chart has called so far."""

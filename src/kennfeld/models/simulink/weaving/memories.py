@@ -48,12 +48,8 @@ class Memories:
         self._writes[atom, number] = lambda: self._new(site, key, seen, then)
         return replace(seen, period=period or CONTINUOUS)
 
-    def always(self, site: Site, init: Signal, x: Signal) -> Signal:
-        """A signal of the step before, whether or not the subsystem around the block runs."""
-        return self.always_later(site, init, lambda: x)
-
     def always_later(self, site: Site, init: Signal, x: Callable[[], Signal]) -> Signal:
-        """As `always`, of a signal that is made later."""
+        """A signal of the step before, made later, whether or not the subsystem around the block runs."""
         site.before += 1
         key, first = (site.atom, STATE - site.before), init.nodes
         read = self._read(key, first, 1)

@@ -21,7 +21,7 @@ from kennfeld.models.simulink.expressions.signals import (
     fastest,
     scalar,
 )
-from kennfeld.models.simulink.flattening.atoms import STATE, Atom
+from kennfeld.models.simulink.flattening.atoms import STATE, Atom, Source
 from kennfeld.models.simulink.variables.scopes import Array
 from kennfeld.models.simulink.weaving.unsupported import UnsupportedError
 
@@ -128,11 +128,19 @@ class Site:
             raise UnsupportedError(f"its {name} is {found:g}, not a whole number from {least} to {most}")
         return int(found)
 
+    def initial_output(self) -> Signal | None:
+        """The initial output that a block states; None where it states none."""
+        return None if self.text("InitialOutput") in ("[]", "") else self.parameter("InitialOutput")
+
     # inputs
+
+    def source(self, index: int = 0) -> Source | None:
+        """Where the wire at an input begins, counted from 0; None where nothing is connected."""
+        return self.atom.inputs[index] if index < len(self.atom.inputs) else None
 
     def wired(self, index: int) -> Wired:
         """What arrives at an input, counted from 0; 0 where nothing is connected."""
-        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        source = self.source(index)
         return self.weaver.value(source) if source is not None else self.constant(0.0)
 
     def input(self, index: int = 0) -> Signal:
@@ -157,7 +165,7 @@ class Site:
 
     def bus(self, index: int = 0) -> Wired:
         """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""
-        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        source = self.source(index)
         found = self.wired(index)
         if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
             return found
@@ -276,7 +284,7 @@ class Site:
 
     def wish(self, index: int, shape: tuple[int, ...]) -> None:
         """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
-        source = self.atom.inputs[index] if index < len(self.atom.inputs) else None
+        source = self.source(index)
         if source is not None:
             self.weaver.shapes.wish(source.atom, shape)
 

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions.expressions import Expressions
 from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Bus, OpenBus, Signal, Wired
+from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, Bus, OpenBus, Signal, Wired, scalar
 from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.weaving.failures import Failures
 from kennfeld.models.simulink.weaving.guesses import Guesses
@@ -57,7 +57,7 @@ class Timing:
     def hits(self, period: float) -> Signal:
         """1 at the hits of a sample time."""
         node = self.clock.hit(self.loom, Rate(period)) if period > 0 else None
-        return Signal(np.array([self.loom.const(1.0) if node is None else node], dtype=np.int64), max(period, 0.0))
+        return scalar(self.loom.const(1.0) if node is None else node, max(period, 0.0))
 
     # signals
 

@@ -9,7 +9,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import Held, Truths, constants, truths
 from kennfeld.models.simulink.expressions.arrays import each, towards_zero
-from kennfeld.models.simulink.expressions.elementary import ONE, PLAIN, TWO, Rule
+from kennfeld.models.simulink.expressions.elementary import INVERSE_HYPERBOLIC, ONE, PLAIN, TWO, Rule
 from kennfeld.models.simulink.expressions.signals import Nodes
 
 _CASTS: Final = (
@@ -77,24 +77,6 @@ def _expm1(loom: Loom, x: Nodes) -> Nodes:
     return each(loom, "select", each(loom, "lt", each(loom, "abs", x), constants(loom, 1.0)), near, far)
 
 
-def _asinh(loom: Loom, x: Nodes) -> Nodes:
-    """By logarithms of sums on either side of 0, so that nothing cancels and the slope at 0 is 1."""
-    root = each(loom, "sqrt", each(loom, "add", _times(loom, x, x), constants(loom, 1.0)))
-    rising, falling = each(loom, "log", each(loom, "add", x, root)), each(loom, "log", _minus(loom, root, x))
-    return each(loom, "select", each(loom, "ge", x, constants(loom, 0.0)), rising, each(loom, "neg", falling))
-
-
-def _acosh(loom: Loom, x: Nodes) -> Nodes:
-    root = each(loom, "sqrt", _minus(loom, _times(loom, x, x), constants(loom, 1.0)))
-    return each(loom, "log", each(loom, "add", x, root))
-
-
-def _atanh(loom: Loom, x: Nodes) -> Nodes:
-    one = constants(loom, 1.0)
-    ratio = _over(loom, each(loom, "add", one, x), _minus(loom, one, x))
-    return _times(loom, constants(loom, 0.5), each(loom, "log", ratio))
-
-
 def _turned(loom: Loom, x: Nodes, turn: float) -> Nodes:
     """An angle from 0 to a whole turn; positive multiples of a turn stay one."""
     made = each(loom, "mod", x, constants(loom, turn))
@@ -111,12 +93,10 @@ def _wrapped(loom: Loom, x: Nodes, half: float) -> Nodes:
 
 _ONE: Final[dict[str, Rule]] = {
     **ONE,
+    **INVERSE_HYPERBOLIC,
     "log2": lambda loom, x: _over(loom, each(loom, "log", x), constants(loom, math.log(2.0))),
     "log1p": _log1p,
     "expm1": _expm1,
-    "asinh": _asinh,
-    "acosh": _acosh,
-    "atanh": _atanh,
     "sec": lambda loom, x: _over(loom, constants(loom, 1.0), each(loom, "cos", x)),
     "csc": lambda loom, x: _over(loom, constants(loom, 1.0), each(loom, "sin", x)),
     "cot": lambda loom, x: _over(loom, constants(loom, 1.0), each(loom, "tan", x)),
