@@ -14,7 +14,6 @@ from kennfeld.terminal.output import complain, say
 
 if TYPE_CHECKING:
     from kennfeld.analysis.leaving import Leaving
-    from kennfeld.dataset import Dataset
     from kennfeld.optimize import Result
     from kennfeld.project import Project
 
@@ -184,15 +183,10 @@ def check(path: ProjectFile) -> int:
     complain(*findings)
     problem = project.problem()
     values = sum(problem.parameters[name].size for name in problem.free_names)
-    samples = [f"{_counted(data)} {data.use} samples in {data.name}" for data in problem.datasets]
+    samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
     say(f"{path}: {_soundness(findings)}")
     say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
-
-
-def _counted(data: "Dataset") -> int:
-    """How many samples of a dataset count; those between them, on a finer step, hold no targets."""
-    return data.samples if data.scored is None else int(data.scored.sum())
 
 
 def _soundness(findings: Sequence[Finding]) -> str:

@@ -154,6 +154,11 @@ class Dataset(Mapping[str, Channel]):
         return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
 
     @property
+    def counting(self) -> Bool:
+        """Whether each sample counts, Bool[samples]."""
+        return np.ones(self.samples, dtype=bool) if self.scored is None else self.scored
+
+    @property
     def pieces(self) -> Sequence[slice]:
         """The samples of each piece."""
         ends = [*self.starts[1:].tolist(), self.samples]
@@ -204,5 +209,5 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     time = None if parts[0].time is None else np.concatenate([p.time for p in parts if p.time is not None])
     scored = None
     if any(part.scored is not None for part in parts):
-        scored = np.concatenate([np.ones(p.samples, bool) if p.scored is None else p.scored for p in parts])
+        scored = np.concatenate([part.counting for part in parts])
     return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored)

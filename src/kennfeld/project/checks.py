@@ -8,7 +8,6 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles.flash import IMAGE_ENDINGS
-from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding
 from kennfeld.graph.lowering import dependent
 from kennfeld.measurement.conversion import compare, says_nothing
@@ -72,7 +71,7 @@ def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]
     names = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
     names += [c.target.name for c in problem.criteria if c.target.kind == "channel"]
     for name in dict.fromkeys(names):
-        known = [data[name].values[_counted(data)] for data in training if name in data]
+        known = [data[name].values[data.counting] for data in training if name in data]
         for data, values in zip((d for d in training if name in d), known, strict=True):
             share = float(np.mean(~np.isfinite(values))) if values.size else 0.0
             if share > _MISSING:
@@ -82,11 +81,6 @@ def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]
         if whole.size > 1 and np.all(whole == whole[0]):
             what = f"channel {name} is {whole[0]:g} throughout the training data"
             yield places[training[0].name], what, "Is it the right channel?"
-
-
-def _counted(data: Dataset) -> slice | Float:
-    """The samples that count; those between them, on a finer step, hold no targets."""
-    return slice(None) if data.scored is None else data.scored  # type: ignore[return-value]
 
 
 def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:

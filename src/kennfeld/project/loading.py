@@ -340,7 +340,7 @@ class _Loading:
 
     def _chosen(self, dataset: Dataset) -> Dataset:
         """The dataset with the samples marked that count."""
-        scored = np.ones(dataset.samples, dtype=bool) if dataset.scored is None else dataset.scored.copy()
+        scored = dataset.counting.copy()
         if self.where is not None and all(name in dataset for name in self.where.inputs):
             values = evaluated(self.where, dataset)
             scored &= np.isfinite(values) & (values != 0)

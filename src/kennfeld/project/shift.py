@@ -56,5 +56,5 @@ def _refined(dataset: Dataset, time: Float, count: int, inputs: Collection[str])
         values[at] = channel.values
         channels.append(Channel(channel.name, values, channel.unit, channel.description))
     scored = np.zeros(total, dtype=bool)
-    scored[at] = True if dataset.scored is None else dataset.scored
+    scored[at] = dataset.counting
     return replace(dataset, channels=tuple(channels), time=np.concatenate(finer), starts=starts, scored=scored)

@@ -12,24 +12,14 @@ from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.variables.scopes import Scope
 from kennfeld.models.simulink.weaving.integration import SOLVERS
 from kennfeld.models.simulink.weaving.registry import KINDS
-from kennfeld.models.simulink.weaving.schedule import Clock, common_step, stated_rate
+from kennfeld.models.simulink.weaving.schedule import IN_TIME, Clock, common_step, stated_rate
 
 __all__ = ["Stepping"]
 
 _FIXED = {*SOLVERS, "ode8", "ode14x", "ode1be", "odeN", "FixedStepDiscrete", "FixedStepAuto"}
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _LEAST_SHARE = 1e-4  # of the shortest sample time, for a step that hits all of them
-_CONTINUOUS = {
-    "Integrator",
-    "PID 1dof",
-    "PID Controller",
-    "PID Controller (with Approximate Derivative)",
-    "PID 2dof",
-    "SecondOrderIntegrator",
-    "StateSpace",
-    "TransferFcn",
-    "ZeroPole",
-}
+_CONTROLLERS = ("PID 1dof", "PID Controller", "PID Controller (with Approximate Derivative)", "PID 2dof")
 
 
 class Stepping:
@@ -104,7 +94,8 @@ class Stepping:
 
 def _is_continuous(atom: Atom) -> bool:
     """Whether a block has continuous states; a controller says so itself."""
-    return atom.kind in _CONTINUOUS and atom.block.value("TimeDomain") != "Discrete-time"
+    known = atom.kind in IN_TIME or atom.kind in _CONTROLLERS
+    return known and atom.block.value("TimeDomain") != "Discrete-time"
 
 
 def _periods(atoms: Sequence[Atom], expressions: Expressions) -> list[float]:

@@ -6,6 +6,7 @@ from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.simulink.expressions.no_value import NoValueError
+from kennfeld.models.simulink.files.tree import parted
 from kennfeld.models.simulink.weaving.registry import UnsupportedError
 from kennfeld.models.simulink.weaving.site import Site
 
@@ -18,14 +19,7 @@ def listed(site: Site, *names: str) -> list[str]:
     """A setting for each dimension, separated by commas or quoted; the first that the file states."""
     written = next((text for name in names if (text := site.text(name, ""))), "")
     quoted = re.findall(r"'([^']*)'", written)
-    parts, depth = [""], 0
-    for sign in written:
-        depth += (sign in "([{") - (sign in ")]}")
-        if sign == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += sign
-    return quoted or [part.strip() for part in parts if part.strip()]
+    return quoted or [part.strip() for part in parted(written) if part.strip()]
 
 
 def positions(site: Site, option: str, text: str, size: int, axis: int, count: int | None = None) -> list[int]:

@@ -7,11 +7,10 @@ from kennfeld.models.simulink.expressions.signals import CONSTANT, CONTINUOUS, B
 from kennfeld.models.simulink.files.tree import Block
 from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.weaving.registry import KINDS, UnsupportedError, block
-from kennfeld.models.simulink.weaving.schedule import Rate
+from kennfeld.models.simulink.weaving.schedule import IN_TIME, Rate
 from kennfeld.models.simulink.weaving.site import Site
 
 _NEAR = 1e-6  # of a sample time, as far as it may be rounded
-_IN_TIME = ("Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole")
 _OPTIONS = ("Specify", "Inherit", "Multiple of input port sample time")
 
 
@@ -65,7 +64,7 @@ def _behind(site: Site) -> Iterator[float]:
             if reader in seen or (kind is not None and kind.sink) or reader.kind == "RateTransition":
                 continue
             seen.add(reader)
-            if reader.kind in _IN_TIME:
+            if reader.kind in IN_TIME:
                 yield CONTINUOUS
             elif period is None or period == CONSTANT:
                 waiting.append(reader)

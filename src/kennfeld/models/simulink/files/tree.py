@@ -26,6 +26,7 @@ __all__ = [
     "Workspace",
     "joined",
     "normalised",
+    "parted",
     "split",
 ]
 
@@ -46,6 +47,22 @@ def joined(*names: str) -> str:
     'Engine/km//h'
     """
     return "/".join(normalised(name).replace("/", "//") for name in names)
+
+
+def parted(text: str) -> tuple[str, ...]:
+    """The parts of a text between commas outside of brackets.
+
+    >>> parted("a, [1,2]")
+    ('a', ' [1,2]')
+    """
+    parts, depth = [""], 0
+    for character in text:
+        depth += (character in "([{") - (character in ")]}")
+        if character == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return tuple(parts)
 
 
 def split(path: str) -> tuple[str, ...]:

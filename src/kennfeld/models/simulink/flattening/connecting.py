@@ -105,9 +105,13 @@ class Connecting:
 
 def _store(level: Level, block: Block) -> Atom | None:
     """The memory of a name that is nearest around a block."""
-    name = (block.value("DataStoreName") or "A").strip()
+    name = _store_name(block)
     for here in around(level):
         for memory in here.system.of("DataStoreMemory"):
-            if (memory.value("DataStoreName") or "A").strip() == name:
+            if _store_name(memory) == name:
                 return here.atoms.get(memory.sid)
     return None
+
+
+def _store_name(block: Block) -> str:
+    return (block.value("DataStoreName") or "A").strip()

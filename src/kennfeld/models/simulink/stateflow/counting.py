@@ -44,12 +44,10 @@ class Counting:
     def measure(self, context: Context, guard: Guard) -> None:
         """Note since when the conditions of `duration` hold."""
         for key, timer in self.timers.all.items():
-            where = (
-                self.logic.where(guard, self.machine.activity.active(timer.state, guard))
-                if timer.kind == "true"
-                else None
-            )
-            if where is None or timer.condition is None:
+            if timer.kind != "true" or timer.condition is None:
+                continue
+            where = self.logic.where(guard, self.machine.activity.active(timer.state, guard))
+            if where is None:
                 continue
             here = replace(context, scope=timer.state, owner=timer.state, place=f"its state {timer.state.path}")
             holds = self.machine.values.one(timer.condition, here, where)

@@ -11,7 +11,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.evaluation import names
 from kennfeld.matlab.parser import read_script
 from kennfeld.matlab.printing import printed
-from kennfeld.models.simulink.files.tree import Block
+from kennfeld.models.simulink.files.tree import Block, parted
 from kennfeld.parameters import Axis
 
 __all__ = ["Array", "Coded", "Masked", "Scope", "Value", "Variable", "plain", "written_names"]
@@ -127,26 +127,10 @@ class Scope:
 def _arguments(block: Block) -> Iterator[tuple[str, str]]:
     """The arguments of a referenced model with their expressions: lists of texts, in old files parted by commas."""
     names, values = (
-        block.listed(key) or _parted(block.value(key) or "")
+        block.listed(key) or parted(block.value(key) or "")
         for key in ("ParameterArgumentNames", "ParameterArgumentValues")
     )
     return zip(map(str.strip, names), values, strict=False)
-
-
-def _parted(text: str) -> tuple[str, ...]:
-    """The parts of a text between commas outside of brackets.
-
-    >>> _parted("a, [1,2]")
-    ('a', ' [1,2]')
-    """
-    parts, depth = [""], 0
-    for character in text:
-        depth += (character in "([{") - (character in ")]}")
-        if character == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += character
-    return tuple(parts)
 
 
 def _coded(scope: Scope, code: str) -> Scope:

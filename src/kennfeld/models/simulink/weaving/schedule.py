@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions.expressions import Expressions
@@ -13,7 +13,11 @@ from kennfeld.models.simulink.expressions.signals import CONSTANT
 from kennfeld.models.simulink.flattening.atoms import Atom
 from kennfeld.models.simulink.weaving.registry import Kind
 
-__all__ = ["Clock", "Rate", "common_step", "stated_rate"]
+__all__ = ["IN_TIME", "Clock", "Rate", "common_step", "stated_rate"]
+
+IN_TIME: Final = frozenset(  # types of blocks that have continuous states
+    {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
+)
 
 _NEAR = 1e-6  # of a period, as far as times may be rounded
 _SHORTEST = 1e-9  # s, of a sample time
