@@ -263,21 +263,14 @@ def drawn_chart(chart, inputs=("u",), outputs=("y",), name="model", **options):
     """A model of one chart "C" between inports and outports."""
     drawn = Model(name, step="0.1", solver="FixedStepDiscrete", **options)
     drawn.chart("C", chart, inputs, outputs)
-    for at, one in enumerate(inputs, 1):
-        drawn.inport(one)
-        drawn.line(one, f"C:{at}")
-    for at, one in enumerate(outputs, 1):
-        drawn.outport(f"{one}_out")
-        drawn.line(f"C:{at}", f"{one}_out")
+    drawn.between(inputs, "C", [f"{one}_out" for one in outputs])
     return drawn
 
 
 def muxed(drawn, names, end):
     """Inports of these names that make one vector, which leads to an input of a block."""
     drawn.block("Mux", "M", ports=(len(names), 1), Inputs=len(names))
-    for at, name in enumerate(names, 1):
-        drawn.inport(name)
-        drawn.line(name, f"M:{at}")
+    drawn.between(names, "M")
     drawn.line("M", end)
 
 

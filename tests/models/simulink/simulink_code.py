@@ -13,12 +13,7 @@ def function(code, inputs=("u", "v"), outputs=("y",), model=None):
     """A drawing of one MATLAB Function "F"."""
     drawn = model or Model(step="0.1", solver="FixedStepDiscrete")
     drawn.function("F", code, inputs, outputs)
-    for at, name in enumerate(inputs, 1):
-        drawn.inport(name)
-        drawn.line(name, f"F:{at}")
-    for at, name in enumerate(outputs, 1):
-        drawn.outport(f"{name}{at}")
-        drawn.line(f"F:{at}", f"{name}{at}")
+    drawn.between(inputs, "F", [f"{name}{at}" for at, name in enumerate(outputs, 1)])
     return drawn
 
 

@@ -213,6 +213,15 @@ class System:
         for source, end in pairwise(names):
             self.line(source, end)
 
+    def between(self, inputs, name, outputs=()):
+        """Inports of these names into a block, and outports behind it, in the order of its ports."""
+        for at, one in enumerate(inputs, 1):
+            self.inport(one)
+            self.line(one, f"{name}:{at}")
+        for at, one in enumerate(outputs, 1):
+            self.outport(one)
+            self.line(f"{name}:{at}", one)
+
     def every(self):
         for block in self.blocks:
             yield self, block

@@ -17,12 +17,7 @@ def alone(kind, /, inputs=1, outputs=1, *, model=None, special=None, **parameter
         drawn.link("B", "lib/B", special, ports=(inputs, outputs), **parameters)
     else:
         drawn.block(kind, "B", ports=(inputs, outputs), **parameters)
-    for at in range(1, inputs + 1):
-        drawn.inport(f"u{at}")
-        drawn.line(f"u{at}", f"B:{at}")
-    for at in range(1, outputs + 1):
-        drawn.outport(f"y{at}")
-        drawn.line(f"B:{at}", f"y{at}")
+    drawn.between([f"u{at}" for at in range(1, inputs + 1)], "B", [f"y{at}" for at in range(1, outputs + 1)])
     return drawn
 
 

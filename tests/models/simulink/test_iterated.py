@@ -18,13 +18,7 @@ def loop(content, kind="ForIterator", inputs=1, **settings):
     inner.block(kind, "Iterator", **settings)
     content(inner)
     names = [block.name for block in inner.blocks if block.kind == "Inport"]
-    for at, name in enumerate(names[:inputs], 1):
-        drawn.inport(name)
-        drawn.line(name, f"Loop:{at}")
-    outputs = [block.name for block in inner.blocks if block.kind == "Outport"]
-    for at, name in enumerate(outputs, 1):
-        drawn.outport(name)
-        drawn.line(f"Loop:{at}", name)
+    drawn.between(names[:inputs], "Loop", [block.name for block in inner.blocks if block.kind == "Outport"])
     return drawn
 
 
