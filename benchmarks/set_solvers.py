@@ -33,7 +33,7 @@ class _Sum:
         residual, jacobian = self.rows(values)
         return jacobian.T @ residual, jacobian.T @ jacobian
 
-    def floor(self, diagonal: Float) -> Float:
+    def mean_curvature(self, diagonal: Float) -> Float:
         return np.zeros_like(diagonal)
 
     def cholesky(self, size: int) -> Any:

@@ -30,7 +30,7 @@ class Residuals:
         residual, jacobian = self.rows(values)
         return jacobian.T @ residual, jacobian.T @ jacobian
 
-    def floor(self, diagonal):
+    def mean_curvature(self, diagonal):
         return np.zeros_like(diagonal)
 
     def cholesky(self, size):

@@ -18,7 +18,7 @@ from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.multipliers import descend_within
 from kennfeld.optimize.limits.output_limits import OutputLimits
-from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.limits.projection import missed_limits, project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.result import Result, Seconds, TraceLine
@@ -139,8 +139,24 @@ class Run:
         if start is None:
             return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
         if search is not None:
-            return search(start, limits), remark
-        return self._with_reasons(self._limited(self._descend(start, limits), start, limits)), remark
+            end = search(start, limits)
+        else:
+            end = self._with_reasons(self._limited(self._descend(start, limits), start, limits))
+        return self._within(end, limits), remark
+
+    def _within(self, end: Descent, limits: Limits) -> Descent:
+        """The end, moved onto the limits if it misses one; only values that keep all of them have converged."""
+        missed = missed_limits(end.values, limits)
+        if not missed or not np.isfinite(end.cost):
+            return end
+        values, _ = project(end.values, limits)
+        if values is None:
+            return replace(end, status="failed", message=f"{end.message} Limits are not met: {missed}.")
+        moved = replace(end, values=values, cost=self.objective.cost(values))
+        if end.status != "converged" or moved.cost <= end.cost + self.options.tolerance * abs(end.cost):
+            return moved
+        message = "The values found missed their limits and were moved to the nearest ones that keep them: they are "
+        return replace(moved, status="failed", message=f"{message}not the best. Missed: {missed}.")
 
     def result(self, search: Search | None = None) -> Result:
         """The result of the run, or of another search of the same problem."""

@@ -11,7 +11,6 @@ __all__ = ["SumOfSquares"]
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000
 LEARNING_VALUES = 128
-FLOOR = 1e-6  # of the mean curvature in the same table
 
 
 class SumOfSquares:
@@ -81,15 +80,15 @@ class SumOfSquares:
             self._cholesky = Cholesky(size)
         return self._cholesky
 
-    def floor(self, diagonal: Float) -> Float:
-        """A share of the mean curvature in the same table, so that values hardly touched by data do not run away."""
-        floor = np.zeros(self._free)
+    def mean_curvature(self, diagonal: Float) -> Float:
+        """For each value the mean of the diagonal over its table; 0 for scalars."""
+        mean = np.zeros(self._free)
         for name, at in self._compiled.values.offsets.items():
             if at < self._free:
                 size = self._compiled.problem.parameters[name].size
-                floor[at : at + size] = FLOOR * diagonal[at : at + size].mean() if size > 1 else 0.0
+                mean[at : at + size] = diagonal[at : at + size].mean() if size > 1 else 0.0
         for key, at in self._compiled.values.moving.items():
             if at < self._free:
                 part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
-                floor[part] = FLOOR * diagonal[part].mean()
-        return floor
+                mean[part] = diagonal[part].mean()
+        return mean

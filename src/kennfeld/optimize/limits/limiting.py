@@ -26,21 +26,24 @@ def limits_of(problem: Problem, values: Values) -> Limits:
     Raises `InputError` where one of them concerns what is not free.
     """
     lower, upper = np.full(values.free, -np.inf), np.full(values.free, np.inf)
-    for name in problem.free_names:
+    tables = np.zeros(values.free, dtype=np.int64)
+    for table, name in enumerate(problem.free_names):
         parameter, at = problem.parameters[name], values.offsets[name]
         part = slice(at, at + parameter.size)
+        tables[part] = table
         held = parameter.locked.ravel()
         lower[part] = np.where(held, parameter.values.ravel(), parameter.lower.ravel())
         upper[part] = np.where(held, parameter.values.ravel(), parameter.upper.ravel())
-    for key, axis in problem.free_axes.items():
+    for table, (key, axis) in enumerate(problem.free_axes.items(), len(problem.free_names)):
         part = slice(values.moving[key], values.moving[key] + len(axis.axis))
+        tables[part] = table
         lower[part], upper[part] = bounds_of(axis, problem.parameters, problem.held)
     findings = list(_findings(problem))
     if findings:
         raise InputError(findings)
     writer = _Writer(problem, values)
     order = order_of(problem.free_axes, values)
-    return Limits(lower, upper, Rows.together([writer.pins(), *writer.constraints(), order]))
+    return Limits(lower, upper, Rows.together([writer.pins(), *writer.constraints(), order]), tables)
 
 
 def _findings(problem: Problem) -> Iterator[Finding]:

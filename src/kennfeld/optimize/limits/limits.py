@@ -94,11 +94,16 @@ class Rows:
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on each value, `lower <= p <= upper`, and linear rows."""
+    """Bounds on each value, `lower <= p <= upper`, and linear rows.
+
+    `tables` numbers the table of each value, so that the scale of a row is that of its table and not of a value which
+    happens to be near zero; without it all values belong to one table.
+    """
 
     lower: Float  # Float[values]
     upper: Float  # Float[values]
     rows: Rows = field(default_factory=Rows.none)
+    tables: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # Int[values], or empty
 
     @classmethod
     def none(cls, size: int) -> "Limits":
@@ -125,9 +130,19 @@ class Limits:
         return missed
 
     def violation(self, values: Float) -> float:
-        """The largest of the `violations`, for values of the size they have."""
-        return float(np.max(self.violations(values, values), initial=0.0))
+        """The largest of the `violations`, for values of the size that their tables have."""
+        return float(np.max(self.violations(values, self.sizes(values)), initial=0.0))
+
+    def sizes(self, values: Float) -> Float:
+        """For each value, the largest magnitude in its table."""
+        if not self.tables.size:
+            return np.full(values.size, np.abs(values).max(initial=0.0))
+        largest = np.zeros(int(self.tables.max()) + 1)
+        np.maximum.at(largest, self.tables, np.abs(values))
+        sizes: Float = largest[self.tables]
+        return sizes
 
     def narrowed(self, movable: Int, values: Float) -> "Limits":
         """The limits on the movable values, the others standing as they are."""
-        return Limits(self.lower[movable], self.upper[movable], self.rows.narrowed(movable, values))
+        rows, tables = self.rows.narrowed(movable, values), self.tables[movable] if self.tables.size else self.tables
+        return Limits(self.lower[movable], self.upper[movable], rows, tables)

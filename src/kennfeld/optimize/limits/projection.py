@@ -10,7 +10,7 @@ from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.quadratic import solve
 
-__all__ = ["infeasible", "project"]
+__all__ = ["infeasible", "missed_limits", "project"]
 
 FEASIBLE = 1e-9  # of the limits' scale
 
@@ -24,7 +24,7 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     moved = int(np.count_nonzero((clipped != values) & ~np.isnan(values)))
     remark = f"The start lay outside its bounds in {moved} values and was moved onto them." if moved else ""
     size = _sizes(clipped)
-    if np.all(limits.violations(clipped, size) <= FEASIBLE):
+    if limits.violation(clipped) <= FEASIBLE:
         return clipped, remark
     movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
@@ -32,12 +32,20 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     solution = solve(Factor.of(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow)
     there = clipped.copy()
     there[movable] = solution.reached(here, narrow)
-    missed = limits.violations(there, size)
+    missed = limits.violations(there, limits.sizes(there))
     if not np.all(missed <= FEASIBLE):
         worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")[:3]
         named = "; ".join(limits.rows.names[row] for row in worst if not missed[row] <= FEASIBLE)
         return None, f"Limits contradict bounds, locks or each other. Not met: {named}."
     return there, "The start did not keep its limits and was moved to the nearest values that do."
+
+
+def missed_limits(values: Float, limits: Limits) -> str:
+    """Name the bounds and rows that values miss by more than rounding; empty if all are kept."""
+    rows = ~(limits.violations(values, limits.sizes(values)) <= FEASIBLE)
+    names = [limits.rows.names[row] for row in np.flatnonzero(rows)[:3]]
+    beyond = int(np.count_nonzero((values < limits.lower) | (values > limits.upper)))
+    return "; ".join([*names, *([f"bounds of {beyond} values"] if beyond else [])])
 
 
 def infeasible(problem: Problem) -> list[Finding]:

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Factor
 
-__all__ = ["nonnegative_dual"]
+__all__ = ["nonnegative_dual", "solve_active"]
 
 RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor
 NEGATIVE = 1e-10  # a multiplier below 0 by this share of the largest is wrong
@@ -28,6 +28,30 @@ def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool 
     if m is None:
         m = dual.one_by_one()
     return np.where(dual.bounded, np.maximum(m, 0.0), m)
+
+
+def solve_active(matrix: Float, active: Bool, right: Float) -> Float:
+    """The multipliers of the `active` rows for which S m = right there; the others are 0.
+
+    Of dependent rows a ridge makes a small one. What it costs in digits a second solve gives back (J. Riley: Solving
+    systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix, 1955). NaN if
+    S is not finite.
+    """
+    m, which = np.zeros(active.size), np.flatnonzero(active)
+    factor = _ridged(matrix, which)
+    if factor is None:
+        m[which] = np.nan
+        return m
+    m[which] = factor.solve(right[which])
+    m[which] += factor.solve((right - matrix @ m)[which])
+    return m
+
+
+def _ridged(matrix: Float, which: Int) -> Factor | None:
+    ridge = RIDGE * np.diag(matrix)
+    while (factor := Factor.part(matrix, which, ridge)) is None and ridge.max() <= matrix.max():
+        ridge = 100 * ridge
+    return factor
 
 
 class _Dual:
@@ -91,26 +115,8 @@ class _Dual:
             m[self.bounded & ~inside] = 0.0
 
     def solved(self, inside: Bool) -> Float:
-        """Multipliers `inside` for which the slope is 0 there; the others are 0.
-
-        Of dependent rows a ridge makes a small one. What it costs in digits a second solve gives back (J. Riley:
-        Solving systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix,
-        1955).
-        """
-        m, which = np.zeros(inside.size), np.flatnonzero(inside)
-        factor = self._factor(which)
-        if factor is None:  # not finite: no step will do
-            m[which] = np.nan
-            return m
-        m[which] = factor.solve(self.excess[which])
-        m[which] += factor.solve((self.excess - self.matrix @ m)[which])
-        return m
-
-    def _factor(self, which: Int) -> Factor | None:
-        ridge = RIDGE * np.diag(self.matrix)
-        while (factor := Factor.part(self.matrix, which, ridge)) is None and ridge.max() <= self.matrix.max():
-            ridge = 100 * ridge
-        return factor
+        """Multipliers `inside` for which the slope is 0 there; the others are 0."""
+        return solve_active(self.matrix, inside, self.excess)
 
     def slope(self, m: Float) -> Float:
         """Of the cost, along each multiplier."""

@@ -49,8 +49,8 @@ class Objective(Protocol):
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Weighted residuals and their Jacobian."""
 
-    def floor(self, diagonal: Float) -> Float:
-        """The least scale of each value, given the diagonal of the Gauss-Newton matrix."""
+    def mean_curvature(self, diagonal: Float) -> Float:
+        """For each value the mean over its table of the diagonal of the Gauss-Newton matrix; 0 for scalars."""
 
     def cholesky(self, size: int) -> Cholesky:
         """What factors the matrix of `size` of its values; it knows the zeros of those before."""
@@ -106,11 +106,18 @@ PROBE = 0.1  # share of a step at which its curvature is measured
 MOST_BEND = 0.75
 LITTLE_DAMPING = 1e-12
 PROMISED = 0.5  # share of the cost that a step with little damping may promise to gain at a minimum, say at a crease
+FLOOR = 1e-6  # of the mean curvature in its table: the least scale of a value, so that it does not run away
+HELD = 1e-9  # of the mean curvature: the least damping where limits hold, so that their products keep their digits
+FEASIBLE = 1e-10  # of a limit's scale: what a trial step may miss it by, a tenth of what is promised
+EXACT = 1e3  # times the rounding of the residuals: a model with residuals this small reproduces the data exactly
 SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals vanish
 
 
 class _Linearised:
-    """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales."""
+    """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales.
+
+    `rounding` is how exactly the residuals r are known: they are differences of predictions of the size |J p|.
+    """
 
     def __init__(self, objective: Objective, at: Float, movable: Int, cost: float, scale: Float | None) -> None:
         self.movable = movable
@@ -129,29 +136,37 @@ class _Linearised:
             self.gradient = gradient if everything else gradient[movable]
             self.matrix = matrix if everything else matrix[np.ix_(movable, movable)]
             diagonal = np.diag(self.matrix)
+        self.rounding = np.finfo(float).eps * float(np.sqrt(np.sum(diagonal * at[movable] ** 2)))
         full = np.zeros(at.size)
         full[movable] = diagonal
-        self.scale = np.maximum(diagonal, objective.floor(full)[movable])
+        mean = objective.mean_curvature(full)[movable]
+        self.scale = np.maximum(diagonal, FLOOR * mean)
         size = np.abs(at[movable])
         self.scale = np.maximum(self.scale, INSENSITIVE * cost / np.where(size > 1e-150, size, np.inf) ** 2)
         self.scale[self.scale <= 0] = 1.0
         if scale is not None:
             self.scale = np.maximum(self.scale, MEMORY * scale)
+        self.curvature = np.maximum(self.scale, mean)
 
     @property
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
 
-    def factor(self, damping: float, secant: Secant | None = None) -> tuple[Factor, Float] | None:
-        """Factor of the damped matrix and the step without limits; None where it is not positive definite."""
+    def factor(self, damping: float, secant: Secant | None = None, *, held: bool) -> tuple[Factor, Float] | None:
+        """Factor of the damped matrix and the step without limits; None where it is not positive definite.
+
+        Where limits hold, `held`, the damping has a floor: limits tie values that no data inform to those that data
+        do, and the smaller the curvature of the former, the fewer digits are left of the latter.
+        """
+        damped = np.maximum(damping * self.scale, HELD * self.curvature) if held else damping * self.scale
         if secant is not None:
             whole = (self.root.T @ self.root if self.matrix is None else self.matrix) + secant.matrix
-            curved = Cholesky(self.movable.size).factor(whole, damping * self.scale)
+            curved = Cholesky(self.movable.size).factor(whole, damped)
             return None if curved is None else (curved, curved.solve(-self.gradient))
         if self.matrix is not None:
-            factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damping * self.scale)
+            factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damped)
             return None if factor is None else (factor, factor.solve(-self.gradient))
-        stacked = np.vstack([self.root, np.diag(np.sqrt(damping * self.scale))])
+        stacked = np.vstack([self.root, np.diag(np.sqrt(damped))])
         upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
         diagonal = np.abs(np.diag(upper))
         if diagonal.min(initial=1.0) <= 0:
@@ -186,6 +201,12 @@ class _Linearised:
         """Length of a step in the values' own scales."""
         with np.errstate(over="ignore"):
             return float(np.sqrt(np.sum(self.scale * step * step)))
+
+
+def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
+    """Whether a trial keeps the rows; rounding is that of the sizes on both ends of the step."""
+    sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
+    return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
 
 
 def _triangle(jacobian: Float, residual: Float) -> tuple[Float, Float]:
@@ -233,6 +254,7 @@ class _Descending:
         self.growth = 2.0
         self.calm = 0
         self.active: Int | None = None
+        self.held = bool(limits.rows.equal.any())
         self.scale: Float | None = None
         self.secant: Secant | None = None
         self.curved = False
@@ -278,12 +300,11 @@ class _Descending:
         here = self.at[line.movable]
         may_switch = True
         while self.damping < MOST_DAMPING:
-            found = line.factor(self.damping, self.secant if self.curved else None)
+            found = self._solved(line, here, limits)
             if found is None:
                 self._harder()
                 continue
-            factor, free_step = found
-            solution = solve(factor, free_step, here, limits, self.active)
+            factor, free_step, solution = found
             self.active = solution.active
             step = solution.reached(here, limits) - here
             gain, other = self._gains(line, step)
@@ -295,6 +316,8 @@ class _Descending:
                 # What was learnt may be wrong: the Gauss-Newton model alone decides that this is the end.
                 self.curved, may_switch = False, False
                 continue
+            if self._exact(line, gain):
+                return self._stuck(line, limits, "The cost falls by no more than its rounding error.")
             if self.objective.bends and not self.curved:
                 bend = line.bend(factor, step)
                 if not 2 * line.length(bend) <= MOST_BEND * line.length(step):
@@ -303,6 +326,9 @@ class _Descending:
                 solution = solve(factor, free_step + 0.5 * bend, here, limits, solution.active)
             trial = self.at.copy()
             trial[line.movable] = solution.reached(here, limits)
+            if not _keeps(limits, here, trial[line.movable]):
+                self._harder()
+                continue
             cost = self.objective.cost(trial)
             self.evaluations += 1
             actual = self.cost - cost
@@ -320,9 +346,25 @@ class _Descending:
                 self._harder()
         return self._stuck(line, limits, "No step lowers the cost any further.")
 
+    def _exact(self, line: _Linearised, gain: float) -> bool:
+        """Whether residuals are all but rounding, of which the cost r'r is uncertain by twice |r| times theirs."""
+        size = float(np.sqrt(self.cost))
+        return size <= EXACT * line.rounding and gain <= 2 * size * line.rounding
+
+    def _solved(self, line: _Linearised, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
+        """The factor of the damped model, its step without limits, and the solution within them."""
+        while True:
+            found = line.factor(self.damping, self.secant if self.curved else None, held=self.held)
+            if found is None:
+                return None
+            solution = solve(*found, here, limits, self.active)
+            before, self.held = self.held, bool(solution.active.any() or limits.rows.equal.any())
+            if before or not self.held:
+                return *found, solution
+
     def _stuck(self, line: _Linearised, limits: Limits, message: str) -> Descent:
         """The end where damping leaves no step: at a minimum, or where all but the shortest steps lead astray."""
-        found = line.factor(LITTLE_DAMPING) if self.cost > SOLVED * self.first_cost else None
+        found = line.factor(LITTLE_DAMPING, held=self.held) if self.cost > SOLVED * self.first_cost else None
         if found is not None and np.all(np.isfinite(found[1])):
             step = solve(*found, self.at[line.movable], limits, self.active).step
             if line.gain(step) > PROMISED * self.cost:

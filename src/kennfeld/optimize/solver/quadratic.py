@@ -12,11 +12,12 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.native import Factor, Gram
 from kennfeld.optimize.limits.limits import Limits
-from kennfeld.optimize.solver.dual import nonnegative_dual
+from kennfeld.optimize.solver.dual import nonnegative_dual, solve_active
 
 __all__ = ["Solution", "solve"]
 
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
+REFINEMENTS = 3  # corrections of the multipliers by what the step they give still misses
 
 
 @dataclass(frozen=True)
@@ -70,16 +71,22 @@ class _Room:
         self.upper = np.concatenate([limits.upper, self.rows.upper]) - here
         self.lower = np.concatenate([limits.lower, self.rows.lower]) - here
         summed = np.concatenate([np.abs(at), self.rows.size(at)])
-        self.over, self.under = (
-            FEASIBLE * np.maximum(np.where(np.isfinite(side), np.abs(side), 0.0) + summed, 1e-300)
-            for side in (self.upper, self.lower)
+        self.scales = tuple(
+            np.where(np.isfinite(side), np.abs(side), 0.0) + summed + 1e-300 for side in (self.upper, self.lower)
         )
 
     def passed(self, step: Float) -> Int:
         """The limits that a step passes by more than rounding: +1 upper, -1 lower."""
         taken = np.concatenate([step, self.rows.times(step)])
-        passed: Int = np.where(taken > self.upper + self.over, 1, np.where(taken < self.lower - self.under, -1, 0))
+        over, under = self.rounding(step)
+        passed: Int = np.where(taken > self.upper + over, 1, np.where(taken < self.lower - under, -1, 0))
         return passed
+
+    def rounding(self, step: Float) -> tuple[Float, Float]:
+        """What counts as rounding at the upper and at the lower sides, where a step leads."""
+        moved = np.concatenate([np.abs(step), self.rows.size(step)])
+        upper, lower = (FEASIBLE * (scale + moved) for scale in self.scales)
+        return upper, lower
 
 
 class _Dual:
@@ -143,10 +150,45 @@ class _Dual:
             return self.free_step
         multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
         self.pressing = multipliers > 0
+        return self._refined(multipliers)
+
+    def _refined(self, multipliers: Float) -> Float:
+        """The step of these multipliers, corrected until it meets the limits that hold it.
+
+        Along what neither data nor smoothness determine, H is nearly singular and its products A H^-1 A' lose the
+        digits that tie one such value to the next; what the step misses tells what was lost.
+        """
+        holding = self.pressing.copy()
+        holding[: self.equal.size] = np.diag(self.gram.products)[: self.equal.size] > 0
+        step: Float = self.free_step - self._pulled(multipliers)
+        for _ in range(REFINEMENTS):
+            missed, rounding = self._missed(step), self._rounding(step)
+            holding |= missed > rounding
+            missed = np.where(holding, missed, 0.0)
+            if np.all(np.abs(missed) <= rounding) or not np.all(np.isfinite(missed)):
+                break
+            step = step - self._pulled(solve_active(self.gram.products, holding, missed))
+        return step
+
+    def _pulled(self, multipliers: Float) -> Float:
+        """H^-1 A'm: how far multipliers pull the step back."""
         pulls = self.coefficients * multipliers[:, None]
         pull = np.asarray(np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size), dtype=np.float64)
-        step: Float = self.free_step - self.factor.solve(pull)
-        return step
+        return self.factor.solve(pull)
+
+    def _missed(self, step: Float) -> Float:
+        """How far a step passes each limit considered; below 0 where it keeps away from it."""
+        taken = np.concatenate([step, self.limits.rows.times(step)])[self.which]
+        missed: Float = self.signs * (taken - self._side(self.room.upper, self.room.lower))
+        return missed
+
+    def _rounding(self, step: Float) -> Float:
+        return self._side(*self.room.rounding(step))
+
+    def _side(self, upper: Float, lower: Float) -> Float:
+        """Of what belongs to upper and lower sides, that of each limit considered."""
+        side: Float = np.where(self.signs > 0, upper[self.which], lower[self.which])
+        return side
 
     def active(self) -> Int:
         """What `Solution` tells of them."""

@@ -1,0 +1,61 @@
+"""Limits hold at the end of every fit, whether or not the data determine the values that they tie."""
+
+import numpy as np
+import pytest
+from constrained_fits import curve_fit, map_fit
+
+import kennfeld as kf
+from kennfeld.optimize.limits.constraints import Pin, Shape
+
+HOLDS = 1e-9
+
+
+def test_a_rising_curve_with_few_data_rises():
+    data = {"x": [0.98, 2.96, 0.96], "z": [-0.35, -2.31, -0.19]}
+    start = kf.ParameterSet([kf.Curve("C", range(4), [0] * 4)])
+    result = kf.calibrate("m = C(x)", data, start, "z", constraints=[Shape("C", 0, "slope", 0)])
+    assert result.status == "converged"
+    np.testing.assert_allclose(result.parameters["C"].values, np.mean(data["z"]), atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("draw", [curve_fit, map_fit])
+def test_random_fits_within_limits_end_where_those_of_cvxpy_do(draw, seed):
+    random = np.random.default_rng([seed, 13])
+    for _ in range(5):
+        fit = draw(random)
+        result = fit.result
+        assert result.status == "converged"
+        assert fit.violation(result.parameters) <= HOLDS
+        assert result.cost_after <= fit.least_cost + 1e-6 * np.sum(fit.data["z"] ** 2)
+
+
+def test_a_rising_map_with_an_empty_corner_rises():
+    random = np.random.default_rng(4)
+    x, y = random.uniform(0, 11, (2, 1600))
+    seen = (x < 6) | (y < 6)
+    x, y = x[seen], y[seen]
+    z = 3 * np.sqrt(x) + y**1.5 / 4 + random.normal(0, 1, x.size)
+    start = kf.ParameterSet([kf.Map("C", range(12), range(12), np.zeros((12, 12)))])
+    rising = [Shape("C", 0, "slope", 0.0), Shape("C", 1, "slope", 0.0)]
+    result = kf.calibrate("m = C(x, y)", {"x": x, "y": y, "z": z}, start, "z", constraints=rising)
+    values = result.parameters["C"].values
+    assert result.status == "converged"
+    assert min(np.diff(values, axis=0).min(), np.diff(values, axis=1).min()) >= -HOLDS * values.max()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_factors_of_a_product_keep_limits_of_very_different_sizes(seed):
+    random = np.random.default_rng([seed, 14])
+    u, v = random.uniform(0, 5, (2, 12))
+    z = 1e5 * (1 + u) * (1 - 0.1 * v) * random.uniform(0.5, 1.5, 12)
+    start = kf.ParameterSet([kf.Curve("A", range(6), [1e5] * 6), kf.Curve("B", range(6), [1.0] * 6)])
+    limits = [Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", -np.inf, 0.0)]
+    result = kf.calibrate(
+        "m = A(u)*B(v)", {"u": u, "v": v, "z": z}, start, "z", constraints=limits, pins=[Pin("B", (0,), 1.0)]
+    )
+    A, B = (result.parameters[name].values for name in "AB")
+    assert result.status == "converged"
+    assert np.diff(A).min() >= -HOLDS * np.abs(A).max()
+    assert np.diff(B).max() <= HOLDS * np.abs(B).max()
+    assert B[0] == pytest.approx(1.0, rel=HOLDS)
