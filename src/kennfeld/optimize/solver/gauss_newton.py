@@ -349,7 +349,7 @@ class _Descending:
     def _exact(self, line: _Linearised, gain: float) -> bool:
         """Whether residuals are all but rounding, of which the cost r'r is uncertain by twice |r| times theirs."""
         size = float(np.sqrt(self.cost))
-        return size <= EXACT * line.rounding and gain <= 2 * size * line.rounding
+        return bool(size <= EXACT * line.rounding and gain <= 2 * size * line.rounding)
 
     def _solved(self, line: _Linearised, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
         """The factor of the damped model, its step without limits, and the solution within them."""
