@@ -114,10 +114,7 @@ SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals 
 
 
 class _Linearised:
-    """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales.
-
-    `rounding` is how exactly the residuals r are known: they are differences of predictions of the size |J p|.
-    """
+    """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales."""
 
     def __init__(self, objective: Objective, at: Float, movable: Int, cost: float, scale: Float | None) -> None:
         self.movable = movable
@@ -136,7 +133,7 @@ class _Linearised:
             self.gradient = gradient if everything else gradient[movable]
             self.matrix = matrix if everything else matrix[np.ix_(movable, movable)]
             diagonal = np.diag(self.matrix)
-        self.rounding = np.finfo(float).eps * float(np.sqrt(np.sum(diagonal * at[movable] ** 2)))
+        self.diagonal = diagonal
         full = np.zeros(at.size)
         full[movable] = diagonal
         mean = objective.mean_curvature(full)[movable]
@@ -151,6 +148,11 @@ class _Linearised:
     @property
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
+
+    @property
+    def rounding(self) -> float:
+        """How exactly the residuals are known: they are differences of predictions of the size |J p|."""
+        return float(np.finfo(float).eps * np.linalg.norm(np.sqrt(self.diagonal) * self.at[self.movable]))
 
     def factor(self, damping: float, secant: Secant | None = None, *, held: bool) -> tuple[Factor, Float] | None:
         """Factor of the damped matrix and the step without limits; None where it is not positive definite.
@@ -205,6 +207,8 @@ class _Linearised:
 
 def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
     """Whether a trial keeps the rows; rounding is that of the sizes on both ends of the step."""
+    if not limits.rows.count:
+        return True
     sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
     return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
 
@@ -348,8 +352,8 @@ class _Descending:
 
     def _exact(self, line: _Linearised, gain: float) -> bool:
         """Whether residuals are all but rounding, of which the cost r'r is uncertain by twice |r| times theirs."""
-        size = float(np.sqrt(self.cost))
-        return bool(size <= EXACT * line.rounding and gain <= 2 * size * line.rounding)
+        size, rounding = float(np.sqrt(self.cost)), line.rounding
+        return size <= EXACT * rounding and gain <= 2 * size * rounding
 
     def _solved(self, line: _Linearised, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
         """The factor of the damped model, its step without limits, and the solution within them."""
