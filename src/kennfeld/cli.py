@@ -480,7 +480,7 @@ def convert(
 
     [parameters], remarks = calfiles.read_several([source], a2l)
     complain(*remarks)
-    complain(*calfiles.write(parameters, target, image, a2l))
+    complain(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     say(f"Written to {target}")
     return DONE
 
@@ -541,6 +541,6 @@ def merge(
     sets, remarks = calfiles.read_several(sources, a2l)
     complain(*remarks)
     merged = calfiles.merge(list(zip(labels(sources), sets, strict=True)))
-    complain(*calfiles.write(merged.parameters, target))
+    complain(*calfiles.write(merged.parameters, target), *calfiles.losses(merged.parameters, target))
     say(*changed(merged.changes), "", f"Written to {target}")
     return DONE

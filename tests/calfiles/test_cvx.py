@@ -51,7 +51,10 @@ def test_identifiers_are_compared_without_regard_to_case(cvx):
 
 
 def test_texts_are_carried(cvx):
-    assert read(cvx(',A\nASCII,,"a,""b"\n\n,B\nVALUE,,"on"\n')).texts == (Text("A", 'a,"b'), Text("B", "on"))
+    assert read(cvx(',A\nASCII,,"a,""b"\n\n,B\nVALUE,,"on"\n')).texts == (
+        Text("A", 'a,"b'),
+        Text("B", "on", kind="enumeration"),
+    )
 
 
 def test_functions_variants_and_display_names_are_read(cvx):

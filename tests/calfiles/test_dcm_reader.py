@@ -50,7 +50,7 @@ def test_a_map_of_any_kind_is_turned_to_x_first(dcm, kind):
 
 def test_texts_are_carried(dcm):
     path = dcm('FESTWERT S\n TEXT "on"\nEND\nTEXTSTRING T\n LANGNAME "d"\n TEXT "say \\"yes\\""\nEND')
-    assert read(path).texts == (Text("S", "on"), Text("T", 'say "yes"', "d"))
+    assert read(path).texts == (Text("S", "on", kind="enumeration"), Text("T", 'say "yes"', "d"))
 
 
 GROUP = "GRUPPENKENNLINIE C 2\n{comment}\n ST/X 1 2\n WERT 3 4\nEND\n"

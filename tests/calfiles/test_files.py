@@ -25,6 +25,7 @@ def test_the_public_names_are_pinned():
         "describe",
         "describe_a2l",
         "endings",
+        "losses",
         "merge",
         "read",
         "read_several",

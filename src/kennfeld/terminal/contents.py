@@ -195,7 +195,10 @@ def _calibration(found: calfiles.CalibrationFile) -> Contents:
             rows = [(*row, cell) for row, cell in zip(rows, [heading, *cells], strict=True)]
     axes = [("group axis", "size", "unit", "begin", "end")]
     axes += [(a.name, str(len(a)), a.unit, _number(a.breakpoints[0]), _number(a.breakpoints[-1])) for a in found.axes]
-    texts = [("text", "content"), *((text.name, text.text) for text in found.texts)]
+    texts = [
+        ("text", "kind", "unit", "content"),
+        *((text.name, text.kind, text.unit, text.text) for text in found.texts),
+    ]
     values = sum(math.prod(p.shape) for p in found.parameters)
     summary = f"{found.path.name}: calibration ({found.kind}), {len(found.parameters)} parameters, {values} values"
     as_json = {

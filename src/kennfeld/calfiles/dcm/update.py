@@ -210,12 +210,19 @@ def _alike(now: Thing, before: Thing) -> bool:
 def _same_form(before: Thing, now: Thing) -> bool:
     """Whether numbers alone may differ: same kind, same size, same units, same group axes."""
     if isinstance(before, Text) or isinstance(now, Text):
-        return isinstance(before, Text) and isinstance(now, Text)
+        return _same_word_form(before, now)
     if before.kind != now.kind or before.values.shape != now.values.shape or before.unit != now.unit:
         return False
     return all(
         one.name == other.name and one.unit == other.unit for one, other in zip(before.axes, now.axes, strict=True)
     )
+
+
+def _same_word_form(before: Thing, now: Thing) -> bool:
+    """Whether the text alone may differ; enumerations and booleans are blocks of one keyword."""
+    if not (isinstance(before, Text) and isinstance(now, Text)):
+        return False
+    return (before.kind == "text") == (now.kind == "text") and before.unit == now.unit
 
 
 def _renumbered(line: str, rest: str, before: Sequence[float], now: Sequence[float]) -> str:
