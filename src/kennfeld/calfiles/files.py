@@ -321,4 +321,5 @@ def _replace(target: Path, raw: bytes) -> None:
     try:
         write_whole(target, raw)
     except OSError as error:
-        raise InputError.of(str(target.resolve()), f"cannot be written: {error.strerror or error}") from None
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(target.resolve()), what, "Name another file.") from None
