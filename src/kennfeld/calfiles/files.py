@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.calfiles.flash import IMAGE_ENDINGS, recognises_a2l
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
+from kennfeld.calfiles.foreign import foreign_calibration, look_of
 from kennfeld.calfiles.format import Content, Format, Source
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
@@ -90,12 +91,6 @@ _FORMATS = (
     ),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
-_OTHER_KINDS = (
-    (b"MDF ", "an MDF measurement"),
-    (b"UnFinMF ", "an unfinished MDF measurement"),
-    (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
-    (b"<?xml", "XML"),
-)
 
 
 @dataclass(frozen=True)
@@ -292,6 +287,9 @@ def _unknown(path: Path, source: Source) -> Finding:
     lines = source.text.strip().splitlines()
     if not lines:
         return Finding(path.name, "is empty", f"Expected {_known()}.")
+    fragment = fragment_of_a2l(source.text)
+    if fragment:
+        return Finding(path.name, *fragment)
     if recognises_a2l(source.text):
         what = "is an A2L description, which holds no values"
         return Finding(path.name, what, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
@@ -299,9 +297,13 @@ def _unknown(path: Path, source: Source) -> Finding:
 
 
 def _foreign(path: Path, head: bytes, what: str) -> Finding:
-    start = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    what = next((f"looks like {kind}" for mark, kind in _OTHER_KINDS if start.startswith(mark)), what)
-    return Finding(path.name, f"is no calibration file: it {what}", f"Expected {_known()}.")
+    known = foreign_calibration(path)
+    if known is not None:
+        return known
+    look = look_of(head)
+    return Finding(
+        path.name, f"is no calibration file: it {f'looks like {look}' if look else what}", f"Expected {_known()}."
+    )
 
 
 def _known() -> str:
