@@ -289,6 +289,17 @@ def test_labels_that_the_description_does_not_have_are_told():
     assert remarks == ["new.hex: 2 labels (New, Words) left out: ecu.a2l does not have them"]
 
 
+def test_further_variants_are_left_out_which_is_told():
+    def change(given):
+        member = given["L"].changed(variant="Car=A")
+        return ParameterSet([member], others=[member.changed(variant="Car=B")])
+
+    _, remarks = write(module(BYTE, label("VALUE")), b"\x01", change)
+    assert remarks == [
+        "new.hex: further variants of 1 label (L) left out: the control unit has one place for each",
+    ]
+
+
 def test_labels_that_follow_from_changed_ones_are_told():
     dependent = '/begin DEPENDENT_CHARACTERISTIC "X1*5" L /end DEPENDENT_CHARACTERISTIC'
     text = module(BYTE, label("VALUE"), label("VALUE", dependent, name="Five", address=ADDRESS + 1))

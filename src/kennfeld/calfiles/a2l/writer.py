@@ -74,6 +74,10 @@ class _Writer:
                 self._guarded(source, partial(self._text, thing))
             else:
                 self._guarded(source, partial(self._parameter, thing))
+        others = list(dict.fromkeys(thing.name for thing in self.given.others))
+        if others:
+            what = f"further variants of {listed(others)} left out: the control unit has one place for each"
+            self.notes.remark(0, "", what)
         if self.left:
             self.notes.remark(0, "", f"{listed(self.left)} left out: {self.labels.a2l.file} does not have them")
 

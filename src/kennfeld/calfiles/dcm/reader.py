@@ -343,7 +343,7 @@ class _Reader:
             what = f"has other breakpoints than the group axis {group.name}; they are kept as an axis of its own"
             self.notes.remark(block.line, block.name, what)
             return axis
-        return Axis(axis.breakpoints, unit=axis.unit, name=group.name)
+        return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name)
 
 
 def _groups(block: Lines) -> tuple[str, ...]:
