@@ -27,7 +27,7 @@ _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")
 _LEFT_ASIDE = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
 _TYPES = frozenset({"VALUE", "VAL_BLK", "CURVE", "MAP", "ASCII", *_AXES, *_LEFT_ASIDE})
 _CODINGS = frozenset({"FUNCTION", "VARIANT", "DISPLAY_IDENTIFIER"})
-_UNIT = re.compile(r':"(.*)":')
+_UNIT = re.compile(r""":(["'])(.*)\1:""")  # in the string delimiter of the file
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class _Record:
     def unit(self) -> str:
         cells = [cell for row in (self.row, *self.rows[:2]) for cell in row.cells[:2]]
         found = (_UNIT.search(cell) for cell in cells)
-        return next((unit[1].replace('""', '"') for unit in found if unit), "")
+        return next((unit[2].replace(unit[1] * 2, unit[1]) for unit in found if unit), "")
 
 
 @dataclass(frozen=True)
