@@ -493,7 +493,7 @@ def convert(
 
 def _require_new(force: bool, *targets: Path) -> None:
     """Raise `InputError` for each file that would be replaced without having been asked to."""
-    found = [target for target in targets if target.exists() and not force]
+    found = [target for target in targets if not force and target.exists() and not target.is_dir()]
     if found:
         mend = "Add --force to replace it, or name another file."
         raise InputError(Finding(str(target), "exists already", mend) for target in found)
