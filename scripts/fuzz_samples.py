@@ -60,7 +60,8 @@ def _parameters(draw: random.Random, cubes: bool = False, variants: bool = False
     others = [members[0].changed(values=np.array(2.5), variant="Engine=2")] if variants else []
     if variants:
         members[0] = members[0].changed(variant="Engine=1")
-    return ParameterSet(members, [Text("T", "a word")], [group], others)
+    texts = [Text("T", "a word"), Text("E", "ON", unit="-", kind="enumeration"), Text("S", "true", kind="boolean")]
+    return ParameterSet(members, texts, [group], others)
 
 
 def _calibrations(seed: int) -> Iterator[Sample]:

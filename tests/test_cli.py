@@ -564,6 +564,29 @@ class TestConvert:
             name: start[name].values.tolist() for name in start
         }
 
+    def test_tells_what_the_new_file_has_no_place_for(self, tmp_path, capsys):
+        ParameterSet([Scalar("K", 1.0, description="gain")]).save(tmp_path / "a.dcm")
+        assert cli.run(["convert", str(tmp_path / "a.dcm"), str(tmp_path / "a.csv")]) == 0
+        said = "a.csv: descriptions are left out: 1 label (K). Write it as .json to keep them."
+        assert said in capsys.readouterr().err
+
+    def test_replaces_a_file_by_force_alone(self, folder, capsys):
+        source, target = folder / "start.dcm", folder / "new.json"
+        target.write_text("mine", encoding="utf-8")
+        assert cli.run(["convert", str(source), str(target)]) == 2
+        said = f"{target}: exists already. Add --force to replace it, or name another file.\n"
+        assert (capsys.readouterr().err, target.read_text(encoding="utf-8")) == (said, "mine")
+        assert cli.run(["convert", str(source), str(target), "--force"]) == 0
+        assert read_parameters(target) == read_parameters(source)
+
+    def test_force_does_not_replace_a_write_protected_file(self, folder, capsys):
+        target = folder / "new.json"
+        target.write_text("mine", encoding="utf-8")
+        target.chmod(0o444)
+        assert cli.run(["convert", str(folder / "start.dcm"), str(target), "--force"]) == 2
+        said = f"{target}: cannot be written: it is write-protected. Name another file.\n"
+        assert (capsys.readouterr().err, target.read_text(encoding="utf-8")) == (said, "mine")
+
     def test_an_unknown_ending_is_refused(self, folder, capsys):
         assert cli.run(["convert", str(folder / "start.dcm"), "start.xyz"]) == 2
         assert ".dcm" in capsys.readouterr().err
@@ -681,8 +704,12 @@ class TestDiffAndMerge:
         assert "b.cdfx: 1 replaced\n\nWritten to c.json\n" in capsys.readouterr().out
         assert read_parameters("c.json") == ParameterSet([Scalar("K", 1.0 + 2**-52), Scalar("Old", 1.0)])
 
-    def test_merge_may_write_onto_its_input(self, files):
-        assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm"]) == 0
+    def test_merge_may_write_onto_its_input_by_force(self, files, capsys):
+        before = everything_in(files)
+        assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm"]) == 2
+        assert capsys.readouterr().err == "a.dcm: exists already. Add --force to replace it, or name another file.\n"
+        assert everything_in(files) == before
+        assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm", "--force"]) == 0
         assert read_parameters("a.dcm")["K"].value == 1.0 + 2**-52
 
     @pytest.mark.parametrize(

@@ -68,6 +68,8 @@ DescriptionFile = Annotated[
     ),
 ]
 
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist already.")]
+
 
 def main() -> None:
     """The command `kennfeld`; ends the process."""
@@ -462,6 +464,7 @@ def convert(
     values: VariableFiles = None,
     folders: Folders = None,
     bind: Bindings = None,
+    force: Force = False,
 ) -> int:
     """Turn a calibration file into another format, or a Simulink model into formula text.
 
@@ -471,7 +474,10 @@ def convert(
     """
     from kennfeld import calfiles
 
-    if source.suffix.lower() in (".slx", ".mdl", ".slxp"):
+    is_model = source.suffix.lower() in (".slx", ".mdl", ".slxp")
+    companion = [target.with_suffix(".json")] if is_model and target.suffix.lower() == ".kf" else []
+    _require_new(force, target, *companion)
+    if is_model:
         from kennfeld.models.simulink.text import write_formula
 
         made = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))
@@ -480,9 +486,17 @@ def convert(
 
     [parameters], remarks = calfiles.read_several([source], a2l)
     complain(*remarks)
-    complain(*calfiles.write(parameters, target, image, a2l))
+    complain(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     say(f"Written to {target}")
     return DONE
+
+
+def _require_new(force: bool, *targets: Path) -> None:
+    """Raise `InputError` for each file that would be replaced without having been asked to."""
+    found = [target for target in targets if not force and target.exists() and not target.is_dir()]
+    if found:
+        mend = "Add --force to replace it, or name another file."
+        raise InputError(Finding(str(target), "exists already", mend) for target in found)
 
 
 @app.command()
@@ -531,6 +545,7 @@ def merge(
     ],
     target: Annotated[Path, typer.Option("-o", "--output", help="The file to write.", metavar="C", show_default=False)],
     a2l: DescriptionFile = None,
+    force: Force = False,
 ) -> int:
     """Put several calibration files together, and tell what was replaced or added."""
     from kennfeld import calfiles
@@ -538,9 +553,10 @@ def merge(
 
     if len(sources) < 2:
         raise InputError.of("merge", f"{sources[0]} alone is nothing to merge", "Name two files or more.")
+    _require_new(force, target)
     sets, remarks = calfiles.read_several(sources, a2l)
     complain(*remarks)
     merged = calfiles.merge(list(zip(labels(sources), sets, strict=True)))
-    complain(*calfiles.write(merged.parameters, target))
+    complain(*calfiles.write(merged.parameters, target), *calfiles.losses(merged.parameters, target))
     say(*changed(merged.changes), "", f"Written to {target}")
     return DONE

@@ -6,7 +6,7 @@ All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpo
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
 
@@ -24,11 +24,13 @@ __all__ = [
     "ParameterSet",
     "Scalar",
     "Text",
+    "TextKind",
     "parameter",
     "use_writer",
 ]
 
 Extrapolation = Literal["clip", "linear"]
+TextKind = Literal["text", "enumeration", "boolean"]
 _LABELS = ("functions", "display_name", "variant")
 CLOSEST = 0.05  # of the mean distance of breakpoints, as far as free ones approach each other
 
@@ -335,9 +337,14 @@ def _axis(given: Axis | ArrayLike) -> Axis:
 
 @dataclass(frozen=True)
 class Text:
-    """A parameter that holds text; it is carried through, never calibrated."""
+    """A parameter that holds text; it is carried through, never calibrated.
 
-    kind: ClassVar[str] = "text"
+    `kind` tells free text from an enumeration, whose text is one of the words that the control unit knows, and from a
+    boolean, which is true or false.
+
+    >>> Text("Mode", "ON", kind="enumeration").kind
+    'enumeration'
+    """
 
     name: str
     text: str
@@ -345,6 +352,12 @@ class Text:
     functions: tuple[str, ...] = ()
     display_name: str = ""
     variant: str = ""
+    unit: str = ""
+    kind: TextKind = "text"
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(TextKind):
+            raise ArgumentError(f"kind={self.kind!r} of {self.name} must be text, enumeration or boolean")
 
 
 _KINDS: tuple[type[Parameter], ...] = (Scalar, Curve, Map, Cube, Cube)

@@ -40,7 +40,11 @@ def parameter_sets(draw, units=line_texts, descriptions=line_texts, quantities=n
         draw(st.sampled_from(makers))(draw, name, axes, unit=draw(units), description=draw(descriptions))
         for name in unique
     ]
-    notes = [Text(f"T{name}", draw(line_texts), draw(descriptions)) for name in unique[: 2 * texts]]
+    kinds = st.sampled_from(["text", "enumeration"])
+    notes = [
+        Text(f"T{name}", draw(line_texts), draw(descriptions), unit=draw(units), kind=draw(kinds))
+        for name in unique[: 2 * texts]
+    ]
     return ParameterSet(members, notes, groups)
 
 

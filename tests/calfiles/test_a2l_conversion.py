@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from kennfeld.calfiles.a2l.conversion import conversion_of
 from kennfeld.calfiles.a2l.cursor import UnusableError
 from kennfeld.calfiles.a2l.formula import arithmetic
+from kennfeld.parameters import Text
 
 TABLE = '/begin COMPU_TAB T "" TAB_INTP 3 0 10 2 30 4 35 {} /end COMPU_TAB'
 WORDS = '/begin COMPU_VTAB W "" TAB_VERB 2 1 "on" 2 "off" {} /end COMPU_VTAB'
@@ -98,6 +99,14 @@ def test_a_scalar_with_words_is_a_text(table, raw, word):
     blocks = BYTE, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), table.format('DEFAULT_VALUE "neither"')
     found, remarks = read(module(*blocks, label("VALUE", conversion="CM")), bytes([raw]))
     assert (found.texts[0].name, found.texts[0].text, remarks) == ("L", word, [])
+    assert found.texts[0].kind == "enumeration"
+
+
+def test_the_words_true_and_false_are_a_boolean():
+    words = '/begin COMPU_VTAB W "" TAB_VERB 2 0 "false" 1 "true" /end COMPU_VTAB'
+    blocks = BYTE, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), words
+    found, _ = read(module(*blocks, label("VALUE", conversion="CM")), b"\x01")
+    assert found.texts == (Text("L", "true", found.texts[0].description, unit="-", kind="boolean"),)
 
 
 def test_words_without_a_place_are_told():

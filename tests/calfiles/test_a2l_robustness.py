@@ -4,6 +4,7 @@ import random
 import re
 import tracemalloc
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -139,7 +140,7 @@ def test_absurd_sizes_take_no_memory():
 )
 def test_hostile_texts_end_at_once(text):
     notes = Notes("ecu.a2l")
-    parse_a2l(text, "ecu.a2l", notes, lambda _: text)
+    parse_a2l(text, "ecu.a2l", notes, lambda *_: (Path("a"), text))
     with pytest.raises(InputError):
         notes.settle()
 

@@ -272,6 +272,14 @@ def test_words_are_written_as_their_numbers():
     assert "'of' is no word that it can have. Choose from on, off" in errors(text, b"\xf7", texts("of"))[0]
 
 
+def test_a_word_of_another_kind_is_written_and_told():
+    words = '/begin COMPU_VTAB W "" TAB_VERB 2 1 "on" 2 "off" /end COMPU_VTAB'
+    text = module(BYTE, words, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), label("VALUE", conversion="CM"))
+    image, remarks = write(text, b"\x01", lambda given: ParameterSet([], [Text("L", "off")]))
+    assert image.read(ADDRESS, 1) == b"\x02"
+    assert remarks == ["new.hex (L): is of the kind text here, enumeration in the control unit", CHECKSUMS]
+
+
 def test_labels_that_the_description_does_not_have_are_told():
     def change(given):
         return given.merged(ParameterSet([Scalar("New", 1.0)], [Text("Words", "a")]))
@@ -279,6 +287,17 @@ def test_labels_that_the_description_does_not_have_are_told():
     image, remarks = write(module(BYTE, label("VALUE")), b"\x01", change)
     assert image.read(ADDRESS, 1) == b"\x01"
     assert remarks == ["new.hex: 2 labels (New, Words) left out: ecu.a2l does not have them"]
+
+
+def test_further_variants_are_left_out_which_is_told():
+    def change(given):
+        member = given["L"].changed(variant="Car=A")
+        return ParameterSet([member], others=[member.changed(variant="Car=B")])
+
+    _, remarks = write(module(BYTE, label("VALUE")), b"\x01", change)
+    assert remarks == [
+        "new.hex: further variants of 1 label (L) left out: the control unit has one place for each",
+    ]
 
 
 def test_labels_that_follow_from_changed_ones_are_told():

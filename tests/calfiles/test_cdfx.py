@@ -72,10 +72,19 @@ class TestReading:
     def test_a_number_of_any_category_is_a_scalar(self, cdfx, category):
         assert read(cdfx(instance("K", category, numbers("1.5e1")))) == ParameterSet([Scalar("K", 15)])
 
-    @pytest.mark.parametrize("category", ["VALUE", "BOOLEAN", "ASCII"])
-    def test_a_word_is_a_text(self, cdfx, category):
+    @pytest.mark.parametrize(
+        ("category", "kind"),
+        [("VALUE", "enumeration"), ("BOOLEAN", "boolean"), ("ASCII", "text"), ("DEPENDENT_VALUE", "enumeration")],
+    )
+    def test_a_word_is_a_text_of_the_kind_of_its_category(self, cdfx, category, kind):
         path = cdfx(instance("K", category, "<SW-VALUES-PHYS><VT> on </VT></SW-VALUES-PHYS>"))
-        assert read(path).texts == (Text("K", " on "),)
+        assert read(path).texts == (Text("K", " on ", kind=kind),)
+
+    def test_booleans_given_as_numbers_are_scalars_which_is_told(self, cdfx):
+        path = cdfx(instance("K", "BOOLEAN", numbers("1")), instance("L", "BOOLEAN", numbers("0")))
+        assert list(read(path)) == ["K", "L"]
+        said = "2 labels (K, L) are BOOLEAN with a number: they are read as numbers and written as VALUE or VAL_BLK"
+        assert said in "\n".join(map(str, describe(path).remarks))
 
     def test_hexadecimal_and_float_numbers(self, cdfx):
         values = "<SW-VALUES-PHYS><VH>0x1F</VH><VF>.5</VF></SW-VALUES-PHYS>"
@@ -329,7 +338,7 @@ def test_the_demo_of_asam_says_what_is_left_aside(shared_data):
     assert found["CDF20.curve.GKL_xCOM_wU16"].axes[0] == Axis(
         [2, 5, 6, 14, 16], unit="°C", name="CDF20.axis.X_AXIS_xU16"
     )
-    assert found.texts[0] == Text("CDF20.BOOLEAN.FW_wU8", "true", "BIT_MASK 0x0001", ("CDF20_Scalar",))
+    assert found.texts[0] == Text("CDF20.BOOLEAN.FW_wU8", "true", "BIT_MASK 0x0001", ("CDF20_Scalar",), kind="boolean")
     assert len(remarks(path)) == 6
 
 

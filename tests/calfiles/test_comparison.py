@@ -146,3 +146,18 @@ def test_a_block_of_a_script_is_compared_with_the_group_axis_of_its_name():
     script = ParameterSet([Block("Speed", [1000.0, 2500.0])])
     found = [one for one in differences(script, ParameterSet([Curve("C", SPEED, [1, 2])])) if one.name == "Speed"]
     assert [(one.aspect, one.largest) for one in found] == [("kind", None), ("values", 500.0)]
+
+
+@pytest.mark.parametrize(
+    ("other", "aspect", "left", "right"),
+    [
+        (Text("T", "true", kind="boolean"), "kind", "enumeration", "boolean"),
+        (Text("T", "true"), "kind", "enumeration", "text"),
+        (Text("T", "true", kind="enumeration", unit="-"), "unit", "", "-"),
+        (Scalar("T", 1), "kind", "enumeration", "scalar"),
+    ],
+)
+def test_another_kind_of_text_is_a_difference(other, aspect, left, right):
+    one = ParameterSet([], [Text("T", "true", kind="enumeration")])
+    [found] = differences(one, ParameterSet([], [other]) if isinstance(other, Text) else other)
+    assert (found.name, found.aspect, found.left, found.right) == ("T", aspect, left, right)

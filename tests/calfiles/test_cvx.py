@@ -50,8 +50,18 @@ def test_identifiers_are_compared_without_regard_to_case(cvx):
     assert read(cvx(",k\nCURVE\n,,5,6\n" + X2))["k"] == Curve("k", [1, 2], [5, 6])
 
 
+def test_units_stand_between_the_string_delimiters_of_the_file(written):
+    head = "CALIBRATION VALUES V2.1;,;*;'';\n\n"
+    body = ";K\nVALUE;:'rpm':;1,5\n\n;C\nCURVE;\n:'Nm':;;1;2\n\n;C\nX_AXIS_PTS;:'%':;0;1\n"
+    found = read(written(head + body, "a.csv"))
+    assert (found["K"].unit, found["C"].unit, found["C"].axes[0].unit) == ("rpm", "Nm", "%")
+
+
 def test_texts_are_carried(cvx):
-    assert read(cvx(',A\nASCII,,"a,""b"\n\n,B\nVALUE,,"on"\n')).texts == (Text("A", 'a,"b'), Text("B", "on"))
+    assert read(cvx(',A\nASCII,,"a,""b"\n\n,B\nVALUE,,"on"\n')).texts == (
+        Text("A", 'a,"b'),
+        Text("B", "on", kind="enumeration"),
+    )
 
 
 def test_functions_variants_and_display_names_are_read(cvx):

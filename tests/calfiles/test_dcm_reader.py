@@ -50,7 +50,7 @@ def test_a_map_of_any_kind_is_turned_to_x_first(dcm, kind):
 
 def test_texts_are_carried(dcm):
     path = dcm('FESTWERT S\n TEXT "on"\nEND\nTEXTSTRING T\n LANGNAME "d"\n TEXT "say \\"yes\\""\nEND')
-    assert read(path).texts == (Text("S", "on"), Text("T", 'say "yes"', "d"))
+    assert read(path).texts == (Text("S", "on", kind="enumeration"), Text("T", 'say "yes"', "d"))
 
 
 GROUP = "GRUPPENKENNLINIE C 2\n{comment}\n ST/X 1 2\n WERT 3 4\nEND\n"
@@ -212,3 +212,9 @@ def test_every_problem_of_a_file_is_found_at_once_in_order(dcm):
 def test_a_garbled_file_of_many_unknown_words_is_answered(dcm):
     path = dcm("\n".join(f"W{i:x}RT {i}\nEND" for i in range(3000)))
     assert np.size(findings(path)) >= 1
+
+
+def test_a_table_without_an_axis_unit_has_that_of_its_group_axis(dcm):
+    distribution = 'STUETZSTELLENVERTEILUNG a 2\n*SST\n EINHEIT_X "rpm"\n ST/X 1 2\nEND\n'
+    found = read(dcm(distribution + GROUP.format(comment="*SSTX a")))
+    assert found["C"].axes[0] == Axis([1, 2], unit="rpm", name="a")

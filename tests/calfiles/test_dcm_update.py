@@ -264,3 +264,23 @@ def test_any_change_is_read_back_and_touches_no_other_word(tmp_path_factory, dat
     assert read(folder / "c.dcm") == moved
     words = [(folder / name).read_bytes().split() for name in ("a.dcm", "c.dcm")]
     assert sum(one != other for one, other in zip(*words, strict=True)) <= 1
+
+
+def test_another_display_name_and_other_functions_are_written(written, tmp_path):
+    before = read(written('FESTWERT K\n LANGNAME "gain"\n FUNKTION F1\n WERT 1.50\nEND\n'))
+    after = before.with_parameters(before["K"].changed(display_name="k", functions=("F1", "F2")))
+    write(after, tmp_path / "new.dcm")
+    assert read(tmp_path / "new.dcm") == after
+
+
+def test_a_block_that_is_written_anew_keeps_what_the_set_does_not_say(written, tmp_path):
+    path = written('FESTWERT K\n LANGNAME "gain"\n FUNKTION F1\n DISPLAYNAME k\n WERT 1.50\nEND\n')
+    before = read(path)
+    write(before.with_parameters(Scalar("K", 2.0, unit="Nm")), tmp_path / "new.dcm")
+    assert read(tmp_path / "new.dcm")["K"] == before["K"].changed(values=np.array(2.0), unit="Nm")
+
+
+def test_a_set_without_functions_leaves_those_of_the_file(written, tmp_path):
+    path = written("FESTWERT K\n FUNKTION F1\n WERT 1.50\nEND\n")
+    write(read(path).with_parameters(Scalar("K", 2.0)), tmp_path / "new.dcm")
+    assert (tmp_path / "new.dcm").read_text(encoding="utf-8") == path.read_text(encoding="utf-8").replace("1.50", "2.0")

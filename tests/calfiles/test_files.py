@@ -25,6 +25,7 @@ def test_the_public_names_are_pinned():
         "describe",
         "describe_a2l",
         "endings",
+        "losses",
         "merge",
         "read",
         "read_several",
@@ -101,6 +102,8 @@ def test_a_description_says_what_is_in_a_file(tmp_path):
         (b"MDF     4.10\0\0", "it looks like an MDF measurement"),
         (b"PK\x03\x04\0\0", "it looks like a ZIP archive"),
         (b"\xef\xbb\xbf<?xml version='1.0'?>", "it looks like XML"),
+        (b"<?xml version='1.0'?>\n<!-- <a> --><PaCo><x/></PaCo>", "it looks like XML with the root PaCo"),
+        (b"\x7fELF\x02\0\0", "it looks like a program (ELF)"),
         (b"time,Torque\n0,1\n", "it begins with 'time,Torque'"),
     ],
 )
@@ -110,6 +113,33 @@ def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
     with pytest.raises(InputError, match=r"Expected .*DCM \(\.dcm\)") as caught:
         read(path)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "said"),
+    [
+        (
+            "a.par",
+            b"Kp 1.0\n",
+            "is a parameter file (.par), such as CANape writes, which cannot be read. Export it from",
+        ),
+        ("a.PAR", b"<?xml version='1.0'?><a/>", "is a parameter file (.par)"),
+        ("a.cdm", b"\0\1", "is a calibration data file (.cdm) of INCA, which cannot be read. Export it from that tool"),
+        ("a.lab", b"[Label]\nK\n", "is a list of labels (.lab), which holds no values"),
+        ("a.bin", b"\0\1", "is a plain copy of a memory (.bin), which holds no addresses. Convert it to Intel HEX"),
+    ],
+)
+def test_calibration_data_that_cannot_be_read_are_named_with_a_way_out(tmp_path, name, raw, said):
+    (tmp_path / name).write_bytes(raw)
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / name)
+    assert str(caught.value).startswith(f"{name}: {said}")
+
+
+def test_a_known_format_is_read_whatever_its_ending(tmp_path):
+    write(ONE, tmp_path / "a.dcm")
+    (tmp_path / "a.dcm").rename(tmp_path / "a.par")
+    assert read(tmp_path / "a.par") == ONE
 
 
 def test_a_missing_file_is_refused_with_the_nearest_name(tmp_path):

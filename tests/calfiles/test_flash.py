@@ -74,7 +74,49 @@ def test_a_file_that_is_included_lies_beside(folder):
     (folder / "ecu.a2l").write_text(text, encoding="utf-8")
     assert read(folder / "ecu.hex")["K"].value == 1.5
     (folder / "parts" / "labels.a2l").unlink()
-    assert "which cannot be read. Put the file beside this one." in error(read, folder / "ecu.hex")
+    assert "which cannot be read. Put it where the name says" in error(read, folder / "ecu.hex")
+
+
+@pytest.mark.parametrize("place", ["parts/inner/types.a2l", "inner/types.a2l"])
+def test_a_file_that_an_included_file_includes_lies_beside_that_or_the_main_file(folder, place):
+    inner = TEXT.decode().partition('/begin MODULE M ""')[2].partition("/end MODULE")[0]
+    for path, text in (("parts/labels.a2l", '/include "inner/types.a2l "'), (place, inner)):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+    text = '/begin PROJECT P "" /begin MODULE M "" /include parts/labels.a2l /end MODULE /end PROJECT'
+    (folder / "ecu.a2l").write_text(text, encoding="utf-8")
+    assert read(folder / "ecu.hex")["K"].value == 1.5
+
+
+def test_of_two_included_files_the_one_beside_the_including_file_counts(folder):
+    inner = TEXT.decode().partition('/begin MODULE M ""')[2].partition("/end MODULE")[0]
+    (folder / "parts").mkdir()
+    (folder / "parts" / "labels.a2l").write_text('/include "types.a2l"', encoding="utf-8")
+    (folder / "parts" / "types.a2l").write_text(inner, encoding="utf-8")
+    (folder / "types.a2l").write_text(inner.replace(" K ", " Wrong "), encoding="utf-8")
+    text = '/begin PROJECT P "" /begin MODULE M "" /include parts/labels.a2l /end MODULE /end PROJECT'
+    (folder / "ecu.a2l").write_text(text, encoding="utf-8")
+    assert "K" in read(folder / "ecu.hex")
+
+
+FRAGMENT = '/* labels */\n/begin COMPU_METHOD CM "" IDENTICAL "%5.2" "bar"\n/end COMPU_METHOD\n'
+
+
+def test_a_fragment_of_an_a2l_file_is_named_as_such(folder):
+    (folder / "part.a2l").write_text(FRAGMENT, encoding="utf-8")
+    said = (
+        "part.a2l: is a fragment of an A2L file: it begins with COMPU_METHOD, without a PROJECT and a MODULE around "
+        "it. Name the A2L file that includes it."
+    )
+    assert error(read, folder / "part.a2l") == said
+    assert error(describe_a2l, folder / "part.a2l") == said
+    assert error(read, folder / "ecu.hex", folder / "part.a2l") == said
+
+
+def test_a_module_without_a_project_is_a_description(folder):
+    module = TEXT.decode().partition('/begin MODULE M ""')[2].partition("/end MODULE")[0]
+    (folder / "part.a2l").write_text(f'/begin MODULE M ""{module}/end MODULE', encoding="utf-8")
+    assert read(folder / "ecu.hex", folder / "part.a2l")["K"].value == 1.5
 
 
 def test_an_a2l_file_alone_holds_no_values(folder):

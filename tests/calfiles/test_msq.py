@@ -83,7 +83,7 @@ def test_a_tune_is_read_with_the_axes_of_its_definition_file(tune, written):
     assert found["odd"].description == "Odd; curve"
     assert list(found) == ["rpmhigh", "veTable", "odd", "gain"]
     assert found["rpmhigh"] == Scalar("rpmhigh", 8000, unit="rpm")
-    assert found.texts == (Text("mode", "Speed & \xe4", functions=("page 1",)),)
+    assert found.texts == (Text("mode", "Speed & \xe4", functions=("page 1",), kind="enumeration"),)
     assert describe(path).kind == "MSQ tune of mine 1"
     assert describe(path).remarks == ()
 
@@ -120,7 +120,9 @@ def test_what_changed_is_all_that_differs(tune, tmp_path):
     ve = before["veTable"]
     speed = ve.axes[0].changed(breakpoints=[500, 700, 1200])
     changed = ve.changed(values=ve.values + np.array([[0, 0], [0, 1], [0, 0]]), axes=(speed, ve.axes[1]))
-    new = before.with_parameters(changed).merged(ParameterSet(texts=[Text("mode", "a <b>", functions=("page 1",))]))
+    new = before.with_parameters(changed).merged(
+        ParameterSet(texts=[Text("mode", "a <b>", functions=("page 1",), kind="enumeration")])
+    )
     assert write(new, tmp_path / "new.msq") == ()
     text = (tmp_path / "new.msq").read_text(encoding="latin-1")
     expected = TUNE.replace("51.0", "52.0").replace("1000.0", "1200.0").replace("Speed &amp; \xe4", "a &lt;b&gt;")
@@ -228,3 +230,19 @@ def test_damaged_tunes_are_read_or_refused(tune, seed):
         inserts = [b"", b'"', b"<", b" 1e999 ", b"&lol;", b"-", b'rows="999999"', raw[first:last]]
         path.write_bytes(raw[:first] + inserts[generator.integers(len(inserts))] + raw[last if first % 2 else first :])
         assert all(finding.what for finding in findings(path))
+
+
+def test_another_unit_and_another_kind_than_in_the_tune_are_told(tune, tmp_path):
+    before = read(tune())
+    other = ParameterSet([before["rpmhigh"].changed(unit="1/s")], [Text("mode", "Speed & \xe4")])
+    said = [str(one) for one in write(before.merged(other), tmp_path / "new.msq")]
+    assert said == [
+        "new.msq (mode): is of the kind text here, enumeration in the tune",
+        "new.msq: 1 label (rpmhigh) in another unit than in the tune, written as they are. See whether that is meant.",
+    ]
+
+
+def test_a_constant_that_the_definition_file_declares_as_string_is_free_text(tune, written):
+    path = tune()
+    written(INI + "\n[Constants]\nmode = string, ASCII, 0, 32\n", "some.ini")
+    assert [text.kind for text in read(path).texts] == ["text"]

@@ -118,7 +118,7 @@ def in_xml(parameters):
             )
             for member in parameters.parameters
         ],
-        [Text(text.name, text.text, blanked(text.description)) for text in parameters.texts],
+        [replace(text, description=blanked(text.description), unit=blanked(text.unit)) for text in parameters.texts],
         [axis.changed(unit=blanked(axis.unit)) for axis in parameters.axes],
     )
 

@@ -170,6 +170,25 @@ def test_a_text_is_written_whole_into_a_folder_that_is_made(tmp_path):
     assert everything_in(tmp_path) == {Path("deep/a.html"): b"text"}
 
 
+@pytest.mark.skipif(os.name != "posix", reason="permissions and links as POSIX has them")
+@pytest.mark.parametrize(
+    "rewrite",
+    [lambda path: write_text("text", path), lambda path: write_simulation(Line().simulate(), path)],
+    ids=["text", "simulation"],
+)
+def test_a_file_that_the_user_names_keeps_its_link_and_permissions(rewrite, tmp_path):
+    target, link = tmp_path / "real.csv", tmp_path / "link.csv"
+    target.write_text("old", encoding="utf-8")
+    target.chmod(0o640)
+    link.symlink_to(target.name)
+    rewrite(link)
+    assert (link.is_symlink(), target.stat().st_mode & 0o777) == (True, 0o640)
+    assert target.read_text(encoding="utf-8") != "old"
+    target.chmod(0o440)
+    with pytest.raises(InputError, match=r"link\.csv: cannot be written: it is write-protected\. Name another file"):
+        rewrite(link)
+
+
 def test_an_old_result_is_replaced(result, tmp_path):
     (tmp_path / "result.json").write_text("old", encoding="utf-8")
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")

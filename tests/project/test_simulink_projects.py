@@ -160,6 +160,10 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
     model = read_formula(target)
     assert model.graph.outputs == ("y",)
     assert json.loads((drawn.folder / "line.json").read_text())["Slope"]["value"] == 3
+    capsys.readouterr()
+    assert cli.run(arguments) == 2
+    assert [line.split(": ")[1][:6] for line in capsys.readouterr().err.splitlines()] == ["exists", "exists"]
+    assert cli.run([*arguments, "--force"]) == 0
     assert cli.run(["convert", str(drawn.folder / "line.slx"), str(target.with_suffix(".dcm"))]) == 2
     assert "formula text" in capsys.readouterr().err
 

@@ -135,6 +135,19 @@ def engine(inputs=("throttle", "load", "b", "c", "d"), name="else"):
     return DynamicSurrogate(name, inputs, lags, "n", (1,), 0.02, plane(1 + len(inputs)))
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.par", "Kp 1.0\n", "is a parameter file (.par), such as CANape writes"),
+        ("a.a2l", '/begin MEASUREMENT n "" UWORD CM 0 0 0 8000\n/end MEASUREMENT\n', "is a fragment of an A2L file"),
+    ],
+)
+def test_calibration_data_that_cannot_be_read_are_no_bad_measurement(written, name, text, said):
+    with pytest.raises(InputError) as caught:
+        contents(written(name, text))
+    assert said in str(caught.value)
+
+
 def test_a_formula_reads_the_surrogates_that_lie_beside_it(written, tmp_path):
     path = written("loop.kf", LOOP)
     write_surrogate(engine(), tmp_path / "engine.json")

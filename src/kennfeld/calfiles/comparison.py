@@ -92,7 +92,7 @@ class Comparison:
 
 
 def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None = None) -> Comparison:
-    """Every difference in values, axes, units, texts and names.
+    """Every difference in values, axes, units, kinds, texts and names.
 
     Values of tables of another size are not compared. Breakpoints of a group axis that both sets have are compared
     once. Variants of a label are compared each with its own. Descriptions, bounds, locks, axis inputs and
@@ -148,7 +148,8 @@ def _by_name(members: ParameterSet) -> dict[str, dict[str, _Thing]]:
 
 def _differences(one: _Thing, other: _Thing, allowed: Tolerance) -> list[Difference]:
     if isinstance(one, Text) and isinstance(other, Text):
-        return [] if one.text == other.text else [Difference(one.name, "text", one.text, other.text)]
+        pairs = {aspect: (getattr(one, aspect), getattr(other, aspect)) for aspect in ("kind", "text", "unit")}
+        return [Difference(one.name, aspect, *pair) for aspect, pair in pairs.items() if pair[0] != pair[1]]
     if isinstance(one, Axis) and isinstance(other, Axis):
         return list(_axis_differences(one.name, "", one, other, allowed))
     if isinstance(one, Parameter) and isinstance(other, Parameter) and one.kind == other.kind:
@@ -232,7 +233,7 @@ def _described(thing: _Thing | None) -> str:
     if isinstance(thing, Axis):
         return f"group axis of {len(thing)}"
     if isinstance(thing, Text):
-        return "text"
+        return thing.kind
     return f"{thing.kind} of {_size(thing.values)}" if thing.values.ndim else thing.kind
 
 

@@ -8,21 +8,52 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.calfiles.flash import IMAGE_ENDINGS, recognises_a2l
+from kennfeld.calfiles.flash import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
+from kennfeld.calfiles.foreign import foreign_calibration, look_of
 from kennfeld.calfiles.format import Content, Format, Source
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 from kennfeld.whole_files import write_whole
 
-__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "read", "read_several", "write"]
+__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "losses", "read", "read_several", "write"]
 
 _SCRIPT = "MATLAB script"
+_SETTINGS = ("bounds", "locks", "free axes")  # of a calibration, which files of values do not hold
+_PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
 # What tells, reads and writes a format, as module:function in this room. The script is the last one: it knows no mark.
 _FORMATS = (
-    Format("JSON", (".json",), "json_values:recognises_json", "json_values:read_json", "json_values:write_json"),
-    Format("CVX (INCA's CSV)", (".csv",), "cvx.reader:recognises_cvx", "cvx.reader:read_cvx", "cvx.writer:write_cvx"),
-    Format("CDFX", (".cdfx",), "cdfx.reader:recognises_cdfx", "cdfx.reader:read_cdfx", "cdfx.writer:write_cdfx"),
-    Format("DCM", (".dcm",), "dcm.lines:recognises_dcm", "dcm.reader:read_dcm", "dcm.update:write_dcm"),
+    Format(
+        "JSON",
+        (".json",),
+        "json_values:recognises_json",
+        "json_values:read_json",
+        "json_values:write_json",
+        lacks=("infinities", *_SETTINGS),
+    ),
+    Format(
+        "CVX (INCA's CSV)",
+        (".csv",),
+        "cvx.reader:recognises_cvx",
+        "cvx.reader:read_cvx",
+        "cvx.writer:write_cvx",
+        lacks=("kinds", "descriptions", "group units", *_PLAIN),
+    ),
+    Format(
+        "CDFX",
+        (".cdfx",),
+        "cdfx.reader:recognises_cdfx",
+        "cdfx.reader:read_cdfx",
+        "cdfx.writer:write_cdfx",
+        lacks=_PLAIN,
+    ),
+    Format(
+        "DCM",
+        (".dcm",),
+        "dcm.lines:recognises_dcm",
+        "dcm.reader:read_dcm",
+        "dcm.update:write_dcm",
+        lacks=("kinds", *_PLAIN),
+    ),
     Format(
         "Intel HEX or S-records with an A2L file",
         IMAGE_ENDINGS,
@@ -39,19 +70,27 @@ _FORMATS = (
         "excel.reader:read_excel",
         "excel.writer:write_excel",
         binary=True,
+        lacks=("extrapolation", *_SETTINGS),
     ),
-    Format("MATLAB data", (".mat",), "mat_file:recognises_mat", "mat_file:read_mat", "matlab_writer:write_mat", True),
     Format(
-        _SCRIPT, (".m",), "matlab_script:recognises_script", "matlab_script:read_script", "matlab_writer:write_script"
+        "MATLAB data",
+        (".mat",),
+        "mat_file:recognises_mat",
+        "mat_file:read_mat",
+        "matlab_writer:write_mat",
+        binary=True,
+        lacks=("extrapolation", *_SETTINGS),
+    ),
+    Format(
+        _SCRIPT,
+        (".m",),
+        "matlab_script:recognises_script",
+        "matlab_script:read_script",
+        "matlab_writer:write_script",
+        lacks=("extrapolation", *_SETTINGS),
     ),
 )
 _HEAD = 65536  # bytes looked at before a file is read as a whole
-_OTHER_KINDS = (
-    (b"MDF ", "an MDF measurement"),
-    (b"UnFinMF ", "an unfinished MDF measurement"),
-    (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
-    (b"<?xml", "XML"),
-)
 
 
 @dataclass(frozen=True)
@@ -133,6 +172,28 @@ def write(
     made = _format_for(target).write(parameters, target.name)
     _replace(target, made.raw)
     return made.remarks
+
+
+def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
+    """Return a remark on all that the format of a file has no place for, by the ending of its name.
+
+    Args:
+        parameters: The set that is written.
+        path: The file, whether or not it exists.
+
+    Returns:
+        One remark an aspect, such as descriptions or bounds, with the names of the parameters that lose it.
+
+    Raises:
+        ArgumentError: The ending is that of no calibration format.
+
+    >>> from kennfeld.parameters import Scalar
+    >>> print(*losses(ParameterSet([Scalar("Kp", 2.0, description="gain")]), "a.csv"))
+    a.csv: descriptions are left out: 1 label (Kp). Write it as .json to keep them.
+    """
+    from kennfeld.calfiles.loss_report import loss_remarks
+
+    return loss_remarks(parameters, _format_for(Path(path)).lacks, Path(path).name)
 
 
 def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
@@ -226,6 +287,9 @@ def _unknown(path: Path, source: Source) -> Finding:
     lines = source.text.strip().splitlines()
     if not lines:
         return Finding(path.name, "is empty", f"Expected {_known()}.")
+    fragment = fragment_of_a2l(source.text)
+    if fragment:
+        return Finding(path.name, *fragment)
     if recognises_a2l(source.text):
         what = "is an A2L description, which holds no values"
         return Finding(path.name, what, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
@@ -233,9 +297,13 @@ def _unknown(path: Path, source: Source) -> Finding:
 
 
 def _foreign(path: Path, head: bytes, what: str) -> Finding:
-    start = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    what = next((f"looks like {kind}" for mark, kind in _OTHER_KINDS if start.startswith(mark)), what)
-    return Finding(path.name, f"is no calibration file: it {what}", f"Expected {_known()}.")
+    known = foreign_calibration(path)
+    if known is not None:
+        return known
+    look = look_of(head)
+    return Finding(
+        path.name, f"is no calibration file: it {f'looks like {look}' if look else what}", f"Expected {_known()}."
+    )
 
 
 def _known() -> str:
@@ -255,4 +323,5 @@ def _replace(target: Path, raw: bytes) -> None:
     try:
         write_whole(target, raw)
     except OSError as error:
-        raise InputError.of(str(target.resolve()), f"cannot be written: {error.strerror or error}") from None
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(target.resolve()), what, "Name another file.") from None

@@ -3,7 +3,9 @@
 What reads A2L files and images is loaded by whoever has some.
 """
 
+import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ __all__ = [
     "IMAGE_ENDINGS",
     "A2lFile",
     "describe_a2l",
+    "fragment_of_a2l",
     "read_a2l",
     "read_flash",
     "recognises_a2l",
@@ -31,6 +34,11 @@ IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
 _INTEL_ENDINGS = (".hex", ".ihex")
 _NAMING = '--a2l FILE, or { a2l = "...", hex = "..." } in a project'
 _HEAD = 65536  # characters that tell what a file is
+_A2L_BLOCK = re.compile(
+    r"/begin\s+(PROJECT|MODULE|MOD_PAR|MOD_COMMON|CHARACTERISTIC|AXIS_PTS|MEASUREMENT|COMPU_METHOD|COMPU_TAB|COMPU_VTAB"
+    r"|COMPU_VTAB_RANGE|RECORD_LAYOUT|FUNCTION|GROUP|FRAME|UNIT|USER_RIGHTS|VARIANT_CODING|INSTANCE|TYPEDEF_\w+|BLOB"
+    r"|TRANSFORMER|IF_DATA|A2ML)\b"
+)
 _LARGEST = 500_000_000  # bytes of an included file
 
 
@@ -61,9 +69,19 @@ def recognises_flash(source: Source) -> bool:
 
 
 def recognises_a2l(head: str) -> bool:
-    """Whether a text begins like an A2L file, behind comments."""
+    """Whether a text begins like an A2L file or a part of one, behind comments."""
     head = head[:_HEAD]
-    return "ASAP2_VERSION" in head or "/begin PROJECT" in head
+    return "ASAP2_VERSION" in head or _A2L_BLOCK.search(head) is not None
+
+
+def fragment_of_a2l(head: str) -> tuple[str, str] | None:
+    """Return what is wrong with a part of an A2L file, and the remedy; None for any other text."""
+    head = head[:_HEAD]
+    first = _A2L_BLOCK.search(head)
+    if first is None or "ASAP2_VERSION" in head or first[1] in ("PROJECT", "MODULE"):
+        return None
+    what = f"is a fragment of an A2L file: it begins with {first[1]}, without a PROJECT and a MODULE around it"
+    return what, "Name the A2L file that includes it."
 
 
 def read_flash(source: Source) -> Content:
@@ -110,13 +128,29 @@ def read_a2l(path: Path) -> A2lFile:
         beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
         raise InputError.of(str(path), "there is no such A2L file", nearest(path.name, beside))
     notes = Notes(path.name)
-    a2l = parse_a2l(raw, path.name, notes, lambda name: _content(path.parent / name.replace("\\", "/")))
+    fragment = fragment_of_a2l(Source(path.name, raw).text)
+    if fragment:
+        raise InputError.of(path.name, *fragment)
+    a2l = parse_a2l(raw, path.name, notes, partial(_included, path))
     return A2lFile(path, a2l, notes.settle())
 
 
 def describe_a2l(path: str | Path) -> A2lFile:
     """What an A2L file says on its own, without an image. Raises `InputError`."""
     return read_a2l(Path(path))
+
+
+def _included(main: Path, name: str, including: Path | None) -> tuple[Path, bytes] | None:
+    """Return the path and the content of a file that another one includes.
+
+    The standard leaves open where it is: it is looked for beside the file that includes it, then beside the main file.
+    """
+    wanted = name.strip().replace("\\", "/")
+    for folder in dict.fromkeys(file.parent for file in (including or main, main)):
+        content = _content(folder / wanted)
+        if content is not None:
+            return folder / wanted, content
+    return None
 
 
 def _content(path: Path) -> bytes | None:

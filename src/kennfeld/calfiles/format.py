@@ -1,7 +1,7 @@
 """What every calibration format shares: the file as read, the notes taken on it, and what came out."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -19,6 +19,7 @@ __all__ = [
     "Written",
     "counted",
     "holds_control_characters",
+    "listed",
     "one_line",
 ]
 
@@ -31,6 +32,7 @@ _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 _LINE_OF = re.compile(r" line (\d+)")
 _HEAD = 65536  # bytes that tell text from other content
+_SHOWN = 5  # names in a remark
 _EXCERPT = 120  # characters of a line shown with a finding
 
 
@@ -159,6 +161,7 @@ class Format:
     The functions are named as `module:function` of this room, and loaded when they are needed. What tells a format is
     given the text of a file, or the file itself, of which the beginning has to do, where the format is `binary`. What
     writes turns a set into the text or the bytes of a file; its second argument is the file's name, for findings.
+    `lacks` are the aspects of a set that a new file has no place for, in the words of `loss_report`.
     """
 
     name: str
@@ -167,6 +170,7 @@ class Format:
     _read: str
     _write: str
     binary: bool = False
+    lacks: tuple[str, ...] = ()
 
     def recognises(self, source: Source) -> bool:
         """Whether a file is of this format."""
@@ -208,3 +212,13 @@ def counted(number: int, thing: str) -> str:
     ('1 value', '3 values')
     """
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return how many labels there are, and the first of their names.
+
+    >>> listed(["a", "b"])
+    '2 labels (a, b)'
+    """
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"{counted(len(names), 'label')} ({', '.join(names[:_SHOWN])}{more})"

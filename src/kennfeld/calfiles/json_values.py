@@ -20,14 +20,15 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.errors import ArgumentError, nearest
 from kennfeld.expansion import Expansion
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
 from kennfeld.rbf import RBF
 
 __all__ = ["read_json", "recognises_json", "write_json"]
 
 _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")
-_KINDS = (*_TABLES, "block", "rbf", "text", "axis")
+_TEXTS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
+_KINDS = (*_TABLES, "block", "rbf", *_TEXTS, "axis")
 _ATTRIBUTES = ("name", "unit", "input")
 _LABELS = ("description", "display_name", "variant")
 
@@ -84,7 +85,8 @@ def _entry(member: Parameter) -> dict[str, Any]:
 
 
 def _text_entry(text: Text) -> dict[str, Any]:
-    return {"kind": "text", "text": text.text} | _labels_of(text)
+    unit = {"unit": text.unit} if text.unit else {}
+    return {"kind": text.kind, "text": text.text} | unit | _labels_of(text)
 
 
 def _axis_entry(axis: Axis) -> dict[str, Any]:
@@ -182,8 +184,9 @@ class _Reader:
             guess = nearest(kind, _KINDS) if isinstance(kind, str) else ""
             return self._wrong(f"{name}.kind", f"{kind!r} is no kind of parameter", guess or ", ".join(_KINDS))
         self._unknown_keys(name, kind, entry)
-        if kind == "text":
-            self.texts.append(Text(name, self._string(name, entry, "text"), **self._labels(name, entry)))
+        if kind in _TEXTS:
+            text, unit = self._string(name, entry, "text"), self._string(name, entry, "unit")
+            self.texts.append(Text(name, text, kind=kind, unit=unit, **self._labels(name, entry)))
         elif kind == "axis":
             self._spare_axis(name, entry)
         elif kind == "rbf":
@@ -221,12 +224,10 @@ class _Reader:
         self.notes.error(0, "", f"{path}: {what}", mend)
 
     def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
-        known = {"kind", "unit", "functions", "others", *_LABELS} | {
-            "text": {"text"},
-            "axis": {"x", "input"},
-            "rbf": {"inputs", *_PARTS},
-        }.get(kind, set())
-        if kind not in ("text", "axis", "rbf"):
+        special: dict[str, set[str]] = {text: {"text"} for text in _TEXTS}
+        special |= {"axis": {"x", "input"}, "rbf": {"inputs", *_PARTS}}
+        known = {"kind", "unit", "functions", "others", *_LABELS} | special.get(kind, set())
+        if kind not in (*_TEXTS, "axis", "rbf"):
             letters = _TABLES.get(kind, "")
             known |= {"value" if kind == "scalar" else "values", *letters}
             known |= {f"{letter}_{key}" for letter in letters for key in _ATTRIBUTES}

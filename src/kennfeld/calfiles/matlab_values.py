@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Notes, counted
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, TextKind, parameter
 
 __all__ = ["INFO", "Opaque", "Struct", "Value", "holds_samples", "parameters_of"]
 
@@ -35,6 +35,7 @@ _AXES = tuple(
 _UNITS = ("unit", "units", "docunits")
 _DESCRIPTIONS = ("description", "desc", "comment")
 _KNOWN = {"name", "text", "functions", "displayname", "variant", "kind", "size", "breakpoints", *_UNITS, *_DESCRIPTIONS}
+_TEXT_KINDS: tuple[TextKind, ...] = ("enumeration", "boolean")
 _TIMES = frozenset({"t", "time", "zeit", "timestamp", "timestamps", "tout"})
 _MOST_DIMENSIONS = 4
 _FEW = 4096  # values; a matrix that a person calibrates has no more
@@ -145,7 +146,7 @@ class _Reader:
         if isinstance(value, Struct):
             self._struct(name, value, line, depth)
         elif isinstance(value, str):
-            self._hold(Text(name, value, **_of_text(self._labels(name, self.info.get(name)))), line)
+            self._text(name, value, self.info.get(name), line)
         elif isinstance(value, np.ndarray):
             self._plain(name, value, self._labels(name, self.info.get(name)), line)
         elif isinstance(value, Opaque):
@@ -166,6 +167,11 @@ class _Reader:
         else:
             self._hold(Block(name, values, **labels), line)
 
+    def _text(self, name: str, text: str, more: Value | None, line: int) -> None:
+        said = _text(more.get(["kind"])) if isinstance(more, Struct) else ""
+        kind: TextKind = next((known for known in _TEXT_KINDS if known == said), "text")
+        self._hold(Text(name, text, kind=kind, **self._labels(name, more)), line)
+
     def _hold(self, thing: Parameter | Text, line: int) -> None:
         key = (thing.name, thing.variant)
         same = [known for (name, _), known in self.things.items() if name == thing.name] if thing.variant else []
@@ -179,8 +185,7 @@ class _Reader:
         if _text(struct.get(["kind"])) == "axis":
             self._spare_axis(name, struct, line)
         elif isinstance(struct.get(["text"]), str):
-            text = _text(struct.get(["text"]))
-            self._hold(Text(name, text, **_of_text(self._labels(name, struct))), line)
+            self._text(name, _text(struct.get(["text"])), struct, line)
         elif set(_VALUES) & known.keys() or {"x", "y"} <= known.keys():
             self._table(name, struct, line)
         elif depth > 20 or not struct.fields:
@@ -321,10 +326,6 @@ def _numbers(value: "Value | None") -> Float | None:
 
 def _text(value: "Value | None") -> str:
     return value if isinstance(value, str) else ""
-
-
-def _of_text(labels: dict[str, Any]) -> dict[str, Any]:
-    return {key: label for key, label in labels.items() if key != "unit"}
 
 
 def _without_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:

@@ -66,10 +66,16 @@ def _given(said: Mapping[str, str]) -> dict[str, Value]:
 
 
 def _labels_of(thing: Parameter | Text) -> dict[str, Value]:
-    unit = {"unit": thing.unit} if isinstance(thing, Parameter) else {}
-    words = {"description": thing.description, "display_name": thing.display_name, "variant": thing.variant}
+    kind = thing.kind if isinstance(thing, Text) and thing.kind != "text" else ""
+    words = {
+        "unit": thing.unit,
+        "kind": kind,
+        "description": thing.description,
+        "display_name": thing.display_name,
+        "variant": thing.variant,
+    }
     functions: dict[str, Value] = {"functions": list(thing.functions)} if thing.functions else {}
-    return _given(unit | words) | functions
+    return _given(words) | functions
 
 
 def _plain_value(thing: Parameter | Text) -> "Value | None":

@@ -21,6 +21,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
 from kennfeld.project.trust_table import write_trust
+from kennfeld.whole_files import replacing, write_whole
 
 __all__ = ["Simulated", "require_room", "write", "write_simulation", "write_text"]
 
@@ -102,9 +103,10 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
         raise InputError.of(
             str(target), f"{target.suffix or 'no ending'} is no format for a simulation", "Write .parquet or .csv."
         )
-    with _written_beside(target.parent) as scratch:
-        _save(datasets, scratch / target.name)
-        _move([target.name], scratch, target.parent)
+    with _reported(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(target) as beside:
+            _save(datasets, beside)
     return target
 
 
@@ -124,10 +126,20 @@ def require_room(folder: str | Path) -> None:
 def write_text(text: str, path: str | Path) -> Path:
     """Write a text into a file of its own, whole or not at all."""
     target = Path(path)
-    with _written_beside(target.parent) as scratch:
-        (scratch / target.name).write_text(text, encoding="utf-8", newline="\n")
-        _move([target.name], scratch, target.parent)
+    with _reported(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, text, durable=True)
     return target
+
+
+@contextmanager
+def _reported(target: Path) -> Iterator[None]:
+    """Turn an error of the system into one that names the file and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(target), what, "Name another file with -o.") from None
 
 
 @contextmanager

@@ -36,7 +36,8 @@ def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
     try:
         write_whole(Path(path), _text(_tables(surrogate)))
     except OSError as error:
-        raise InputError.of(str(path), f"cannot be written: {error.strerror or error}") from None
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(path), what, "Name another file.") from None
 
 
 def recognises_surrogate(head: str) -> bool:

@@ -13,6 +13,7 @@ from kennfeld.calfiles.cdfx.reader import recognises_cdfx
 from kennfeld.calfiles.dcm.lines import recognises_dcm
 from kennfeld.calfiles.excel.book import is_calibration_workbook
 from kennfeld.calfiles.flash import recognises_a2l, recognises_flash
+from kennfeld.calfiles.foreign import foreign_calibration
 from kennfeld.calfiles.format import Source
 from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
 from kennfeld.calfiles.matlab_script import recognises_script
@@ -118,7 +119,13 @@ def contents(path: str | Path, a2l: str | Path | None = None, part: Part = WHOLE
     if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
         text, beside = formulas.text_of(file), formulas.surrogates_beside(file)
         return _formula(file, formulas.formula(text, file.name, surrogates=beside))
-    return _measurement(measurement.describe(path))
+    try:
+        return _measurement(measurement.describe(path))
+    except InputError:
+        reason = foreign_calibration(file)
+        if reason is None:
+            raise
+    raise InputError([reason])
 
 
 def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
@@ -195,7 +202,10 @@ def _calibration(found: calfiles.CalibrationFile) -> Contents:
             rows = [(*row, cell) for row, cell in zip(rows, [heading, *cells], strict=True)]
     axes = [("group axis", "size", "unit", "begin", "end")]
     axes += [(a.name, str(len(a)), a.unit, _number(a.breakpoints[0]), _number(a.breakpoints[-1])) for a in found.axes]
-    texts = [("text", "content"), *((text.name, text.text) for text in found.texts)]
+    texts = [
+        ("text", "kind", "unit", "content"),
+        *((text.name, text.kind, text.unit, text.text) for text in found.texts),
+    ]
     values = sum(math.prod(p.shape) for p in found.parameters)
     summary = f"{found.path.name}: calibration ({found.kind}), {len(found.parameters)} parameters, {values} values"
     as_json = {
@@ -245,7 +255,7 @@ def _a2l(found: calfiles.A2lFile) -> Contents:
         "labels": [asdict(one) for one in labels],
         "remarks": [str(remark) for remark in found.remarks],
     }
-    summary = f"{found.path.name}: A2L description ({version}, project {a2l.project}), {counted}"
+    summary = f"{found.path.name}: A2L description ({version}{a2l.project and f', project {a2l.project}'}), {counted}"
     return Contents(summary, [rows], [str(remark) for remark in found.remarks], _plain(as_json))
 
 

@@ -9,12 +9,15 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 from kennfeld.calfiles.format import Notes, Source
 
 __all__ = ["Block", "Include", "blocks", "is_text", "unquoted"]
 
-Include = Callable[[str], bytes | None]  # the content of a file beside, None where there is none
+# The path and the content of an included file, by its name and the path of the file that includes it, which is None for
+# the main file; None if there is no such file.
+Include = Callable[[str, Path | None], tuple[Path, bytes] | None]
 
 _TOKEN = re.compile(
     r'"((?:[^"\\]++|\\.|"")*+)"'
@@ -39,6 +42,7 @@ _NEWLINE = re.compile("\n")
 class _File:
     name: str
     text: str
+    path: Path | None = None  # of an included file
 
     @cached_property
     def _newlines(self) -> list[int]:
@@ -187,25 +191,26 @@ class _Builder:
             self.faults = _MOST_FAULTS
             self._fault(file, offset, f"/include {name[:60]}: too many files include each other")
             return
-        raw = self.include(name) if self.include else None
-        if raw is None and name.lower().endswith(_ML_ENDINGS):
+        found = self.include(name, file.path) if self.include else None
+        if found is None and name.lower().endswith(_ML_ENDINGS):
             what = (
                 f"/include names {name[:60]!r}, which is not there; it describes interfaces, which do not matter here"
             )
             self.notes.remark(file.line(offset), "", what)
-        elif raw is None:
-            mend = "Put the file beside this one."
+        elif found is None:
+            mend = "Put it where the name says, from the folder of the file that includes it or of the main file."
             self._fault(file, offset, f"/include names {name[:60]!r}, which cannot be read", mend)
         else:
-            self._feed_included(file, offset, name, raw, depth)
+            self._feed_included(file, offset, name, found, depth)
 
-    def _feed_included(self, file: _File, offset: int, name: str, raw: bytes, depth: int) -> None:
+    def _feed_included(self, file: _File, offset: int, name: str, found: tuple[Path, bytes], depth: int) -> None:
+        path, raw = found
         self.characters += len(raw)
         if self.characters > _MOST_CHARACTERS:
             self.faults = _MOST_FAULTS
             self._fault(file, offset, f"/include {name[:60]}: the included files are too large")
             return
-        self.feed(_File(name, Source(name, raw).text), depth + 1)
+        self.feed(_File(name, Source(name, raw).text, path), depth + 1)
 
     def _fault(self, file: _File, offset: int, what: str, mend: str = "") -> None:
         self.faults += 1

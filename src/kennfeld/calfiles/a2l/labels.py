@@ -25,6 +25,7 @@ from kennfeld.calfiles.a2l.points import fixed_count, fixed_points, resolved, ri
 from kennfeld.calfiles.a2l.record import AbsentError, Places, Wanted, placed
 from kennfeld.calfiles.format import holds_control_characters
 from kennfeld.calfiles.images.image import Image
+from kennfeld.calfiles.words import kind_of_words
 from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
 
 __all__ = ["AxisInMemory", "Label", "Labels", "SharedAxis"]
@@ -279,7 +280,9 @@ class Labels:
         word = words.text(float(part.raw))
         if word is None:
             raise UnusableError(f"holds the number {float(part.raw):g}, for which {words.table.name} has no word")
-        text = Text(source.name, word, source.description)
+        known = [word for _, _, word in words.table.ranges]
+        kind = kind_of_words(known + ([words.table.default] if words.table.default else []))
+        text = Text(source.name, word, source.description, unit=self._unit(source, part), kind=kind)
         return Label(source, places, part, text=text, words=part.kept.conversion)
 
     def _axis(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:

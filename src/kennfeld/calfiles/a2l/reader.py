@@ -9,15 +9,14 @@ from kennfeld.calfiles.a2l.cursor import UnusableError
 from kennfeld.calfiles.a2l.labels import Label, Labels
 from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.record import AbsentError
-from kennfeld.calfiles.format import Notes, counted
+from kennfeld.calfiles.format import Notes, counted, listed
 from kennfeld.calfiles.images.image import Image
 from kennfeld.calfiles.origin import Flash
 from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
-__all__ = ["listed", "read_parameters", "say_identity"]
+__all__ = ["read_parameters", "say_identity"]
 
-_SHOWN = 5  # names in a remark
 _MOST_ALIKE = 20  # remarks that say the same
 
 
@@ -135,13 +134,3 @@ def say_identity(a2l: A2l, image: Image, notes: Notes) -> None:
             shown = held.decode("latin-1")
             what = f"holds the program identifier {shown[:60]!r} at 0x{address:X}, {a2l.file} is for {a2l.epk[:60]!r}"
             notes.remark(0, image.name, what, "Take the A2L file of this program.")
-
-
-def listed(names: list[str]) -> str:
-    """How many labels, and the first of their names.
-
-    >>> listed(["a", "b"])
-    '2 labels (a, b)'
-    """
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{counted(len(names), 'label')} ({', '.join(names[:_SHOWN])}{more})"

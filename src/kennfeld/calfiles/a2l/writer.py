@@ -16,10 +16,10 @@ from kennfeld.calfiles.a2l.labels import AxisInMemory, Label, Labels, SharedAxis
 from kennfeld.calfiles.a2l.memory import Memory
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.parts import Kept, Part
-from kennfeld.calfiles.a2l.reader import listed, say_identity
+from kennfeld.calfiles.a2l.reader import say_identity
 from kennfeld.calfiles.a2l.record import AbsentError, Places
 from kennfeld.calfiles.a2l.rounding import Roundings, nearest_raw
-from kennfeld.calfiles.format import Notes, counted
+from kennfeld.calfiles.format import Notes, counted, listed
 from kennfeld.calfiles.images.image import Image
 from kennfeld.calfiles.images.reading import read_image
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
@@ -74,6 +74,10 @@ class _Writer:
                 self._guarded(source, partial(self._text, thing))
             else:
                 self._guarded(source, partial(self._parameter, thing))
+        others = list(dict.fromkeys(thing.name for thing in self.given.others))
+        if others:
+            what = f"further variants of {listed(others)} left out: the control unit has one place for each"
+            self.notes.remark(0, "", what)
         if self.left:
             self.notes.remark(0, "", f"{listed(self.left)} left out: {self.labels.a2l.file} does not have them")
 
@@ -238,9 +242,12 @@ class _Writer:
         if label.text is None:
             what = f"is a {label.source.type} in the control unit"
             self.notes.remark(0, text.name, f"{what}; the text given is not written")
-        elif text.text == label.text.text:
             return
-        elif label.source.read_only:
+        if text.kind != label.text.kind:
+            self.notes.remark(0, text.name, f"is of the kind {text.kind} here, {label.text.kind} in the control unit")
+        if text.text == label.text.text:
+            return
+        if label.source.read_only:
             self._read_only(label.source, 1)
         elif label.words is not None:
             self._word(label, text)

@@ -16,9 +16,9 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.instances import Instance, instances
 from kennfeld.calfiles.cdfx.values import Values, array_size, values_of
-from kennfeld.calfiles.format import Content, Notes, Source, counted
+from kennfeld.calfiles.format import Content, Notes, Source, counted, listed
 from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
 
 __all__ = ["read_cdfx", "recognises_cdfx"]
 
@@ -26,6 +26,7 @@ _ROOT = re.compile(r"<(?:[\w.-]+:)?MSRSW[\s/>]")
 _VERSION = re.compile(r"CDF(\d)(\d)")
 _PROLOG = 20_000  # characters before the root: declaration, document type, comments
 _SCALARS = ("VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE")  # so misspelt in the demo file of ASAM
+_WORDS: dict[str, TextKind] = {"ASCII": "text", "BOOLEAN": "boolean"}  # categories whose text is no enumeration
 _BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
 _TABLES = {"CURVE": 1, "CURVE_AXIS": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 _DIRECTIONS = ("x", "y", "z", "fourth")
@@ -62,6 +63,7 @@ def _read(source: Source, notes: Notes) -> Content:
     for instance in found:
         if instance.category not in ("COM_AXIS", "RES_AXIS"):
             reader.take(instance)
+    reader.tell_numbered()
     remarks = notes.settle()
     version = _VERSION.fullmatch(root.line_of("CATEGORY").strip())
     kind = f"CDFX {version[1]}.{version[2]}" if version else "CDFX"
@@ -105,6 +107,7 @@ class _Reader:
         self.groups: dict[str, Axis] = {}
         self.positions: dict[str, _Positions] = {}
         self.broken: set[str] = set()  # axes with a finding of their own
+        self.numbered: list[str] = []  # booleans that are given as numbers
         self.taken: dict[tuple[str, str], tuple[int, object]] = {}  # each name and variant: its line, what it holds
 
     def parameters(self) -> ParameterSet:
@@ -117,6 +120,13 @@ class _Reader:
             self.groups.values(),
             [thing for key, thing in self.things.items() if first[key[0]] != key],
         )
+
+    def tell_numbered(self) -> None:
+        """Remark on booleans that are given as numbers, whose category is not kept."""
+        if self.numbered:
+            names = listed(list(dict.fromkeys(self.numbered)))
+            what = f"{names} are BOOLEAN with a number: they are read as numbers and written as VALUE or VAL_BLK"
+            self.notes.remark(0, "", what)
 
     def take_axis(self, instance: Instance) -> None:
         """Keep an axis that tables refer to."""
@@ -188,12 +198,16 @@ class _Reader:
             found = counted(len(values.numbers) + len(values.texts), "value")
             self._wrong(instance, f"{instance.category} has {found}, not one text")
             return
-        self._hold(instance, Text(instance.name, "".join(values.texts), **instance.labels))
+        kind = _WORDS.get(instance.category, "enumeration")
+        text = Text(instance.name, "".join(values.texts), kind=kind, unit=instance.unit, **instance.labels)
+        self._hold(instance, text)
 
     def _take_member(self, instance: Instance, values: Values) -> None:
         makers: dict[str, Callable[[Instance, Values], Parameter | None]] = dict.fromkeys(_SCALARS, self._scalar)
         makers |= dict.fromkeys(_BLOCKS, self._block)
         member = makers.get(instance.category, self._table)(instance, values)
+        if instance.category.startswith("BOOLEAN") and member is not None:
+            self.numbered.append(instance.name)
         if member is not None:
             self._hold(instance, member)
 

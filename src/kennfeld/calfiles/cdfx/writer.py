@@ -32,7 +32,15 @@ _FOOT = """</SW-INSTANCE-TREE>
 </SW-SYSTEMS>
 </MSRSW>
 """
-_CATEGORIES = {"scalar": "VALUE", "block": "VAL_BLK", "curve": "CURVE", "map": "MAP"}
+_CATEGORIES = {
+    "scalar": "VALUE",
+    "block": "VAL_BLK",
+    "curve": "CURVE",
+    "map": "MAP",
+    "text": "ASCII",
+    "enumeration": "VALUE",
+    "boolean": "BOOLEAN",
+}
 _UNFIT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # what XML 1.0 cannot hold
 _OTHER = re.compile(r"[\ufffe\uffff]")
 
@@ -109,15 +117,15 @@ def _faults(member: Parameter) -> Iterator[str]:
 
 
 def _category(thing: Thing) -> str:
-    if isinstance(thing, Text):
-        return "BOOLEAN" if thing.text in ("true", "false") else "ASCII"
-    return _CATEGORIES.get(thing.kind) or ("CUBOID" if len(thing.axes) == 3 else f"CUBE_{len(thing.axes)}")
+    if isinstance(thing, Text) or thing.kind in _CATEGORIES:
+        return _CATEGORIES[thing.kind]
+    return "CUBOID" if len(thing.axes) == 3 else f"CUBE_{len(thing.axes)}"
 
 
 def _held(thing: Thing) -> str:
     """The values of a label in one variant."""
     if isinstance(thing, Text):
-        return _value_cont("", "", f"<SW-VALUES-PHYS><VT>{_escaped(thing.text)}</VT></SW-VALUES-PHYS>")
+        return _value_cont(thing.unit, "", f"<SW-VALUES-PHYS><VT>{_escaped(thing.text)}</VT></SW-VALUES-PHYS>")
     size = _array_size(thing.values.shape) if thing.kind == "block" else ""
     contents = [_value_cont(thing.unit, size, _values(thing.values))]
     if thing.axes:

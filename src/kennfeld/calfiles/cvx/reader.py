@@ -16,7 +16,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+from kennfeld.calfiles.words import of_one_kind
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
 
 __all__ = ["read_cvx", "recognises_cvx"]
 
@@ -26,7 +27,7 @@ _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")
 _LEFT_ASIDE = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
 _TYPES = frozenset({"VALUE", "VAL_BLK", "CURVE", "MAP", "ASCII", *_AXES, *_LEFT_ASIDE})
 _CODINGS = frozenset({"FUNCTION", "VARIANT", "DISPLAY_IDENTIFIER"})
-_UNIT = re.compile(r':"(.*)":')
+_UNIT = re.compile(r""":(["'])(.*)\1:""")  # in the string delimiter of the file
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class _Record:
     def unit(self) -> str:
         cells = [cell for row in (self.row, *self.rows[:2]) for cell in row.cells[:2]]
         found = (_UNIT.search(cell) for cell in cells)
-        return next((unit[1].replace('""', '"') for unit in found if unit), "")
+        return next((unit[2].replace(unit[1] * 2, unit[1]) for unit in found if unit), "")
 
 
 @dataclass(frozen=True)
@@ -224,11 +225,13 @@ class _Reader:
 
     def parameters(self) -> ParameterSet:
         """The set; the first variant of each name counts."""
-        things = [thing for _, thing in self.things.values()]
-        chosen = [thing for thing in things if self.first[thing.name] is thing]
+        things = of_one_kind({key: thing for key, (_, thing) in self.things.items()})
+        first = {name: (name, variant) for name, variant in reversed(things)}
+        chosen = [thing for key, thing in things.items() if first[key[0]] == key]
         members = [thing for thing in chosen if isinstance(thing, Parameter)]
         texts = [thing for thing in chosen if isinstance(thing, Text)]
-        return ParameterSet(members, texts, self.groups.values(), [t for t in things if self.first[t.name] is not t])
+        others = [thing for key, thing in things.items() if first[key[0]] != key]
+        return ParameterSet(members, texts, self.groups.values(), others)
 
     def take_axis(self, record: _Record) -> None:
         cells = [record.row, *record.rows]
@@ -260,7 +263,8 @@ class _Reader:
     def take(self, record: _Record) -> None:
         text = self.dialect.text(record.row.values[0]) if record.row.values else None
         if record.kind in ("ASCII", "VALUE") and text is not None:
-            self._hold(record, Text(record.name, text, **record.labels))
+            kind: TextKind = "text" if record.kind == "ASCII" else "enumeration"
+            self._hold(record, Text(record.name, text, kind=kind, unit=record.unit, **record.labels))
         elif record.kind in _LEFT_ASIDE or self._holds_text(record):
             self.notes.remark(record.row.line, record.name, f"{record.kind} with its content is left aside")
         else:

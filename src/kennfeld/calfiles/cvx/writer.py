@@ -53,7 +53,8 @@ def _criteria(variant: str) -> list[tuple[str, str]]:
 
 
 def _text_records(text: Text) -> Iterator[str]:
-    yield _record(text.name, f"ASCII,,{_quoted(text.text)}", *_coding(text))
+    kind = "ASCII" if text.kind == "text" else "VALUE"
+    yield _record(text.name, f"{kind},{_unit(text.unit)},{_quoted(text.text)}", *_coding(text))
 
 
 def _coding(thing: Thing) -> list[str]:

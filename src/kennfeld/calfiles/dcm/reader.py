@@ -12,7 +12,8 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.dcm.lines import Block as Lines
 from kennfeld.calfiles.dcm.lines import DcmLines, split, unquoted
 from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, parameter
+from kennfeld.calfiles.words import of_one_kind
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
 
 __all__ = ["Dcm", "Key", "VariantValue", "read_dcm", "variant_of", "variant_values"]
 
@@ -169,7 +170,9 @@ class _Reader:
         """Check a block and keep what it holds."""
         keys = [key for _, key, _ in block.statements]
         if block.keyword in ("FESTWERT", "TEXTSTRING") and block.rest_of("TEXT"):
-            self._take(block, Text(block.name, unquoted(block.rest_of("TEXT")), **self._labels(block)))
+            kind: TextKind = "text" if block.keyword == "TEXTSTRING" else "enumeration"
+            text, unit = unquoted(block.rest_of("TEXT")), block.text_of("EINHEIT_W")
+            self._take(block, Text(block.name, text, kind=kind, unit=unit, **self._labels(block)))
             return
         texts = [key for key in keys if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
         if texts:
@@ -321,8 +324,8 @@ class _Reader:
         return axes.get(reference) or axes.get(reference.partition("\\")[0])
 
     def tied(self) -> dict[Key, Thing]:
-        """What was read, the tables with their group axes named."""
-        return {key: self._tied(held) for key, held in self.found.things.items()}
+        """What was read, the tables with their group axes named, the words of a label of one kind."""
+        return of_one_kind({key: self._tied(held) for key, held in self.found.things.items()})
 
     def _tied(self, held: _Held) -> Thing:
         if isinstance(held.thing, Text) or not any(held.groups):
@@ -340,7 +343,7 @@ class _Reader:
             what = f"has other breakpoints than the group axis {group.name}; they are kept as an axis of its own"
             self.notes.remark(block.line, block.name, what)
             return axis
-        return Axis(axis.breakpoints, unit=axis.unit, name=group.name)
+        return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name)
 
 
 def _groups(block: Lines) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ size changed is written anew; what the set has no longer is removed, what is new
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +22,7 @@ __all__ = ["write_dcm"]
 Thing = Parameter | Text
 _WORD = re.compile(r"\S+")
 _AXES = ("ST/X", "ST/Y")
+_NO_LABEL: dict[str, object] = {"functions": (), "display_name": ""}  # a set without them leaves those of the file
 
 
 def write_dcm(parameters: ParameterSet, file: str) -> Written:
@@ -93,7 +95,7 @@ class _Update:
         values = variant_values(block, self.dcm.criteria)
         if not _same_form(before, now) or any((key[0], one.variant) not in self.now for one in values):
             others = [thing for thing in self.now.values() if thing.name == key[0] and in_the_block_of(now, thing)]
-            yield from self._anew(block, thing_block(now, others))
+            yield from self._anew(block, thing_block(_keeping_labels(before, now), others))
             return
         texts = {one.line: self._variant_line(one.line, values, key[0]) for one in values}
         if now.description and now.description != before.description:
@@ -207,15 +209,30 @@ def _alike(now: Thing, before: Thing) -> bool:
     )
 
 
+def _keeping_labels(before: Thing, now: Thing) -> Thing:
+    """Return what is written of `now`: with the functions and the display name of the file where it has none."""
+    labels = {label: getattr(now, label) or getattr(before, label) for label in ("description", *_NO_LABEL)}
+    return replace(now, **labels) if isinstance(now, Text) else now.changed(**labels)
+
+
 def _same_form(before: Thing, now: Thing) -> bool:
-    """Whether numbers alone may differ: same kind, same size, same units, same group axes."""
+    """Whether numbers alone may differ: same kind, same size, same units, same group axes, no other names of it."""
+    if any(getattr(now, label) not in (getattr(before, label), _NO_LABEL[label]) for label in _NO_LABEL):
+        return False
     if isinstance(before, Text) or isinstance(now, Text):
-        return isinstance(before, Text) and isinstance(now, Text)
+        return _same_word_form(before, now)
     if before.kind != now.kind or before.values.shape != now.values.shape or before.unit != now.unit:
         return False
     return all(
         one.name == other.name and one.unit == other.unit for one, other in zip(before.axes, now.axes, strict=True)
     )
+
+
+def _same_word_form(before: Thing, now: Thing) -> bool:
+    """Whether the text alone may differ; enumerations and booleans are blocks of one keyword."""
+    if not (isinstance(before, Text) and isinstance(now, Text)):
+        return False
+    return (before.kind == "text") == (now.kind == "text") and before.unit == now.unit
 
 
 def _renumbered(line: str, rest: str, before: Sequence[float], now: Sequence[float]) -> str:

@@ -169,8 +169,10 @@ def _numbers(keyword: str, values: Float) -> Iterator[str]:
 
 
 def _text_body(text: Text) -> Iterator[str]:
-    yield f"TEXTSTRING {text.name}"
+    yield f"{'TEXTSTRING' if text.kind == 'text' else 'FESTWERT'} {text.name}"
     yield from _labels(text)
+    if text.unit or text.kind != "text":
+        yield f"   EINHEIT_W {quoted(text.unit)}"
     yield f"   TEXT {quoted(text.text)}"
 
 

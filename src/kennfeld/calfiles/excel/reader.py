@@ -14,13 +14,14 @@ from kennfeld.calfiles.excel.sheets import (
     KINDS,
     SCALARS,
     SCALARS_HEADING,
+    TEXT_KINDS,
     TEXTS,
     TEXTS_HEADING,
 )
 from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
 from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.errors import ArgumentError, nearest
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, TextKind, parameter
 from kennfeld.workbooks import Workbook
 
 __all__ = ["read_excel"]
@@ -119,7 +120,7 @@ class _Reader:
                 self._take(row, singles, texts)
         for key, row in {**singles, **texts}.items():
             if key not in seen:
-                self._hold(key, self._single(row) if key in singles else self._text(row))
+                self._hold(key, self._single(row) if key in singles else _text(row))
 
     def parameters(self) -> ParameterSet:
         """The set; the first variant of each name counts."""
@@ -158,12 +159,14 @@ class _Reader:
             mend = nearest(kind, KINDS) or f"The kinds are {', '.join(KINDS)}."
             self._wrong(f"{row.place('kind')} holds {row.text('kind')[:60]!r}, which is no kind of parameter", mend)
             return
-        if kind == "text" or sheet.casefold() == SCALARS.casefold() or kind == "scalar":
-            listed, name = (texts, TEXTS) if kind == "text" else (singles, SCALARS)
+        text_kind = next((one for one in TEXT_KINDS if one == kind), None)
+        if text_kind or sheet.casefold() == SCALARS.casefold() or kind == "scalar":
+            listed, name = (texts, TEXTS) if text_kind else (singles, SCALARS)
             if row.key not in listed:
                 self._wrong(f"{row.place('name')} names {row.name}, which is not on the sheet {name}", "Add it there.")
                 return
-            self._hold(row.key, self._text(listed[row.key]) if kind == "text" else self._single(listed[row.key]))
+            found = listed[row.key]
+            self._hold(row.key, _text(found, text_kind, row.text("unit")) if text_kind else self._single(found))
         elif sheet not in self.book.names:
             what = f"{row.place('sheet')} names the sheet {sheet!r}, which this workbook does not have"
             self._wrong(what, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
@@ -188,9 +191,6 @@ class _Reader:
             self._wrong(f"{row.place('size')} holds {row.text('size')!r}, but there is one value")
             return None
         return Block(row.name, np.full([1] * len(size), number), **attributes)
-
-    def _text(self, row: _Row) -> Text:
-        return Text(row.name, row.text("text"), **row.labels())
 
     def _table(self, row: _Row, kind: str, sheet: Sheet) -> Parameter | None:
         grid = read_grid(sheet, self.notes)
@@ -261,6 +261,10 @@ class _Reader:
             else:
                 cells.input, cells.unit = row.text("input"), row.text("unit")
                 self.groups[name] = (sheet, cells)
+
+
+def _text(row: _Row, kind: TextKind = "text", unit: str = "") -> Text:
+    return Text(row.name, row.text("text"), kind=kind, unit=unit, **row.labels())
 
 
 def _breakpoints(sheet: Sheet, row: int, start: int, notes: Notes) -> AxisCells | None:

@@ -13,6 +13,8 @@ are tables below each other, each with its breakpoints in a row `z | 0.5` before
 import re
 from collections.abc import Iterable
 
+from kennfeld.parameters import TextKind
+
 __all__ = [
     "AXES",
     "AXES_HEADING",
@@ -26,6 +28,7 @@ __all__ = [
     "SCALARS_HEADING",
     "TEXTS",
     "TEXTS_HEADING",
+    "TEXT_KINDS",
     "sheet_names",
 ]
 
@@ -37,7 +40,8 @@ TEXTS_HEADING = ("name", "text", "description", *_LABELS)
 AXES_HEADING = ("group axis", "unit", "input", "breakpoints")
 AXIS_HEADING = ("axis", "input", "unit", "group axis")
 CORNERS = ("x right", "y down / x right")  # of one direction, of two and more
-KINDS = ("scalar", "block", "curve", "map", "cube", "text")
+TEXT_KINDS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
+KINDS = ("scalar", "block", "curve", "map", "cube", *TEXT_KINDS)
 LETTERS = "xyzw"
 _LONGEST_NAME = 31  # characters, a limit of Excel
 _UNFIT = re.compile(r"[\[\]:*?/\\\x00-\x1f]")

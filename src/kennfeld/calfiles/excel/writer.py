@@ -113,7 +113,7 @@ class _Writer:
 
     def _index_row(self, thing: Thing) -> tuple[str, ...]:
         if isinstance(thing, Text):
-            return (thing.name, "text", "", "", thing.description, *_labels(thing), TEXTS)
+            return (thing.name, thing.kind, "", thing.unit, thing.description, *_labels(thing), TEXTS)
         size = "" if thing.kind == "scalar" else _size(thing)
         sheet = self.tables.get(id(thing), SCALARS)
         return (thing.name, thing.kind, size, thing.unit, thing.description, *_labels(thing), sheet)
@@ -297,7 +297,7 @@ def _text_faults(thing: Thing | Axis) -> Iterator[str]:
     axes = thing.axes if isinstance(thing, Parameter) else (thing,) if isinstance(thing, Axis) else ()
     words = [thing.name, *(word for axis in axes for word in (axis.name, axis.unit, axis.input))]
     if not isinstance(thing, Axis):
-        words += [thing.description, *_labels(thing), thing.text if isinstance(thing, Text) else thing.unit]
+        words += [thing.description, *_labels(thing), thing.unit, *([thing.text] if isinstance(thing, Text) else [])]
         if any("," in name or name != name.strip() or not name for name in thing.functions):
             yield f"the names of its functions are parted by commas in Excel: {', '.join(thing.functions)!r}"
     if any(_UNFIT.search(word) for word in words):

@@ -12,13 +12,14 @@ from pathlib import Path
 
 from kennfeld.calfiles.format import Notes, Source
 
-__all__ = ["Pair", "definition_beside", "pairs_of", "usual_pairs"]
+__all__ = ["Pair", "definition_beside", "pairs_of", "strings_of", "usual_pairs"]
 
 _MOST_BYTES = 20_000_000
 _MOST_FILES = 50
 _SIGNATURE = re.compile(r'^[ \t]*signature[ \t]*=[ \t]*"([^"\n]*)"', re.MULTILINE)
 _LINE = re.compile(r"[ \t]*(\w+)[ \t]*=[ \t]*(.*)")
 _WORD = re.compile(r'"([^"]*)"|([^",;\s][^",;]*)')
+_STRING = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*string[ \t]*,", re.MULTILINE | re.IGNORECASE)
 _SECTION = re.compile(r"[ \t]*\[([^\]]+)\]")
 
 
@@ -59,6 +60,11 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
                 yield file, Source(file.name, file.read_bytes()).text
     except OSError:
         return
+
+
+def strings_of(definition: str) -> frozenset[str]:
+    """Return the constants that a definition file declares as free text, not as a choice of words."""
+    return frozenset(_STRING.findall(definition))
 
 
 def pairs_of(definition: str) -> list[Pair]:

@@ -6,7 +6,7 @@ in quotes. The file does not say which constants are the breakpoints of a table;
 
 import re
 from bisect import bisect
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from html import unescape
 from math import isfinite
@@ -16,9 +16,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.calfiles.msq.axes import Pair, definition_beside, pairs_of, usual_pairs
+from kennfeld.calfiles.msq.axes import Pair, definition_beside, pairs_of, strings_of, usual_pairs
 from kennfeld.calfiles.xml_tree import parsed
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, parameter
+from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, TextKind, parameter
 
 __all__ = ["Constant", "Msq", "read_msq", "recognises_msq"]
 
@@ -30,6 +30,7 @@ _PART = re.compile(
 )
 _ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _COUNT = re.compile(r"[0-9]{1,6}")
+_WORD_KINDS: tuple[TextKind, TextKind] = ("text", "enumeration")  # without and within quotes
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 
 
@@ -83,6 +84,7 @@ def read_msq(source: Source) -> Content:
     signature = reader.find(text)
     definition = definition_beside(source.path, signature, notes)
     reader.build(pairs_of(definition) if definition is not None else usual_pairs(), definition is not None)
+    reader.free_texts(strings_of(definition or ""))
     remarks = notes.settle()
     members = [thing for thing in reader.things.values() if isinstance(thing, Parameter)]
     texts = [thing for thing in reader.things.values() if isinstance(thing, Text)]
@@ -145,9 +147,9 @@ class _Reader:
             self.notes.error(constant.line, constant.name, what)
         else:
             quoted = len(content) > 1 and content[0] == content[-1] == '"'
-            self.things[constant.name] = Text(
-                constant.name, unescape(content[1:-1] if quoted else content), functions=_pages(constant)
-            )
+            text, kind = unescape(content[1:-1] if quoted else content), _WORD_KINDS[quoted]
+            unit, functions = constant.unit, _pages(constant)
+            self.things[constant.name] = Text(constant.name, text, functions=functions, unit=unit, kind=kind)
 
     def _array(self, constant: Constant) -> Float | None:
         numbers = []
@@ -175,6 +177,13 @@ class _Reader:
             if name in self.arrays and name not in used:
                 self.things[name] = self._thing(name, tables.get(name))
         self.things = {name: self.things[name] for name in self.constants if name in self.things}
+
+    def free_texts(self, names: Set[str]) -> None:
+        """Tell constants of free text from those whose text is one of several words."""
+        for name in names & self.things.keys():
+            thing = self.things[name]
+            if isinstance(thing, Text):
+                self.things[name] = replace(thing, kind="text")
 
     def _fits(self, pair: Pair, told: bool) -> bool:
         """Whether a pair gives a table its axes."""

@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes, Written, counted, holds_control_characters
+from kennfeld.calfiles.format import Notes, Written, counted, holds_control_characters, listed
 from kennfeld.calfiles.msq.reader import Constant, Msq
 from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
 
@@ -35,6 +35,7 @@ def write_msq(parameters: ParameterSet, file: str) -> Written:
         update.take_axis(axis)
     for thing in parameters.others:
         notes.error(0, thing.name, f"has the variant {thing.variant!r}, a tune has none", "Choose one of the variants.")
+    update.tell_units()
     remarks = notes.settle()
     return Written(tune.source.encoded(update.text()), remarks)
 
@@ -44,6 +45,7 @@ class _Update:
         self.tune = tune
         self.notes = notes
         self.contents: dict[str, str] = {}
+        self.units: list[str] = []  # labels in another unit than in the tune
 
     def text(self) -> str:
         """The characters of the new file."""
@@ -53,6 +55,12 @@ class _Update:
                 pieces += [self.tune.text[done : constant.begin], self.contents[name]]
                 done = constant.begin + len(constant.content)
         return "".join([*pieces, self.tune.text[done:]])
+
+    def tell_units(self) -> None:
+        """Numbers in another unit than that of the tune would be wrong; that is for a person to decide."""
+        if self.units:
+            what = f"{listed(self.units)} in another unit than in the tune, written as they are"
+            self.notes.remark(0, "", what, "See whether that is meant.")
 
     def take(self, thing: Parameter | Text) -> None:
         """Put one parameter or text into its constant."""
@@ -68,13 +76,18 @@ class _Update:
             found, wanted = (f"{one.kind} {' x '.join(map(str, one.values.shape))}".strip() for one in (thing, before))
             self.notes.error(0, thing.name, f"is a {found}, in the tune a {wanted}", "Sizes are fixed by the firmware.")
         else:
+            if thing.unit and before.unit and thing.unit != before.unit:
+                self.units.append(thing.name)
             self._take_axes(thing, before)
             self._numbers(self.tune.constants[thing.name], before.values.T.ravel(), thing.values.T.ravel())
 
     def _take_text(self, thing: Parameter | Text, before: Parameter | Text) -> None:
         if not isinstance(thing, Text) or not isinstance(before, Text):
             self.notes.error(0, thing.name, "is a text on one side and a number on the other")
-        elif thing.text != before.text:
+            return
+        if thing.kind != before.kind:
+            self.notes.remark(0, thing.name, f"is of the kind {thing.kind} here, {before.kind} in the tune")
+        if thing.text != before.text:
             if holds_control_characters(thing.text) or '"' in thing.text:
                 self.notes.error(0, thing.name, f"{thing.text[:60]!r} cannot be a word in a tune")
             content = self.tune.constants[thing.name].content

@@ -49,7 +49,9 @@ def write_formula(
             made.append(target.with_suffix(".json"))
             write_parameters(found.model.values, made[-1])
     except OSError as error:
-        raise InputError.of(str(target), f"cannot be written: {error.strerror or error}") from None
+        raise InputError.of(
+            str(target), f"cannot be written: {error.strerror or error}", "Name another file."
+        ) from None
     return tuple(made)
 
 

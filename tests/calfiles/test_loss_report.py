@@ -1,0 +1,79 @@
+"""What a file cannot hold is told, aspect by aspect; what it holds is not."""
+
+import numpy as np
+import pytest
+
+from kennfeld.calfiles import losses, read, write
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.parameters import Axis, Cube, Curve, Map, ParameterSet, Scalar, Text
+
+ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
+LOAD = Axis([0, 1], unit="%")
+GROUP = Axis([1, 2, 3], unit="rpm", name="AxisSpeed")
+ASPECTS = {
+    "description": Scalar("K", 1, description="gain"),
+    "unit": Scalar("K", 1, unit="Nm"),
+    "unit with a line break": Scalar("K", 1, unit="N\nm"),
+    "unicode name": Scalar("Kühlung_µ", 1),
+    "display name": Scalar("K", 1, display_name="k"),
+    "functions": Scalar("K", 1, functions=["Idle", "Trq"]),
+    "variant": Scalar("K", 1, variant="Car=A"),
+    "lower bound": Scalar("K", 1, lower=0),
+    "lock": Scalar("K", 1, locked=True),
+    "missing value": Scalar("K", np.nan),
+    "infinite value": Curve("C", [0, 1], [1, np.inf]),
+    "axis unit": Curve("C", LOAD, [1, 2]),
+    "axis input": Curve("C", Axis([0, 1], input="Load"), [1, 2]),
+    "free axis": Curve("C", Axis([0, 1], free=True), [1, 2]),
+    "extrapolation": Curve("C", [0, 1], [1, 2], extrapolation="linear"),
+    "group axis": Map("M", GROUP, LOAD, [[0, 1], [2, 3], [4, 5]]),
+    "cube": Cube("Q", [LOAD, LOAD, GROUP], np.arange(12.0).reshape(2, 2, 3)),
+    "text unit": Text("T", "on", unit="-"),
+    "enumeration": Text("T", "on", kind="enumeration"),
+    "boolean": Text("T", "true", kind="boolean"),
+}
+
+
+def set_of(thing):
+    return ParameterSet([], [thing]) if isinstance(thing, Text) else ParameterSet([thing])
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("thing", ASPECTS.values(), ids=ASPECTS)
+def test_every_aspect_comes_back_or_is_refused_or_told(tmp_path, ending, thing):
+    path, members = tmp_path / f"a{ending}", set_of(thing)
+    try:
+        write(members, path)
+    except InputError:
+        return  # refused with a finding, which is loud enough
+    told = losses(members, path)
+    assert (read(path).everything == members.everything) != bool(told), told
+
+
+def test_group_axes_with_another_unit_in_a_table_are_told_for_cvx(tmp_path):
+    tables = ParameterSet([Curve("A", GROUP, [1, 2, 3]), Curve("B", GROUP.changed(unit="1/min"), [1, 2, 3])])
+    assert [str(one) for one in losses(tables, "a.csv")] == [
+        "a.csv: units of group axes that differ from table to table become that of the first table: 1 label (B). "
+        "Write it as .json to keep them."
+    ]
+    write(tables, tmp_path / "a.xlsx")
+    assert (read(tmp_path / "a.xlsx"), losses(tables, "a.xlsx")) == (tables, ())
+
+
+def test_axis_units_pass_through_cvx(tmp_path):
+    table = ParameterSet([Map("M", GROUP, LOAD, [[0, 1], [2, 3], [4, 5]]), Curve("C", LOAD, [1, 2])])
+    write(table, tmp_path / "a.csv")
+    assert read(tmp_path / "a.csv") == table
+
+
+def test_many_labels_are_told_in_one_remark():
+    many = ParameterSet([Scalar(f"K{i}", 1, lower=0) for i in range(9)])
+    [remark] = losses(many, "a.dcm")
+    assert str(remark) == (
+        "a.dcm: bounds are left out: 9 labels (K0, K1, K2, K3, K4 and 4 more). A project file holds them."
+    )
+
+
+def test_losses_of_an_unknown_format_are_refused():
+    with pytest.raises(ArgumentError, match=r"no ending of a calibration file"):
+        losses(ParameterSet(), "a.txt")

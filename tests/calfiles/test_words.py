@@ -1,0 +1,88 @@
+"""Free text, enumerations and booleans stay what they are, from format to format."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kennfeld.calfiles import compare, losses, read, write
+from kennfeld.errors import ArgumentError
+from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
+
+ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
+TEXTS = (
+    Text("Name", "true", unit="-"),
+    Text("Mode", "ON", "what runs", ("Idle",), "m", unit="-", kind="enumeration"),
+    Text("Switch", "false", kind="boolean"),
+)
+SPEED = Axis([1, 2, 3], unit="rpm", name="AxisSpeed")
+TABLES = (
+    Scalar("Kü", 0.1, unit="Nm"),
+    Block("B", [1, 2, 3], unit="V"),
+    Curve("C", Axis([0, 1], unit="%"), [1, 2], unit="°C"),
+    Map("M", SPEED, Axis([0, 1], unit="s"), [[0, 1], [2, 3], [4, 5]], unit="bar"),
+)
+
+
+@pytest.mark.parametrize(("first", "second"), list(permutations(ENDINGS, 2)))
+def test_kinds_values_units_and_names_pass_through_any_two_formats(tmp_path, first, second):
+    members = ParameterSet(TABLES, TEXTS)
+    write(members, tmp_path / f"a{first}")
+    write(read(tmp_path / f"a{first}"), tmp_path / f"b{second}")
+    assert compare(members, read(tmp_path / f"b{second}")).differences == ()
+
+
+@st.composite
+def texts(draw):
+    kind = draw(st.sampled_from(["text", "enumeration", "boolean"]))
+    variant = draw(st.sampled_from(["", "Car=A"]))
+    text = Text("T", draw(st.sampled_from(["true", "false", "ON", ""])), variant=variant, kind=kind)
+    other = replace(text, text=draw(st.sampled_from(["true", "OFF"])), variant="Car=B")
+    return ParameterSet([], [text], others=draw(st.sampled_from([[], [other]])))
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(members=texts())
+def test_a_kind_stays_or_a_remark_says_that_it_does_not(tmp_path_factory, ending, members):
+    path = tmp_path_factory.mktemp("kinds") / f"a{ending}"
+    write(members, path)
+    told = any("reads back as" in one.what for one in losses(members, path))
+    assert (read(path).everything == members.everything) != told
+
+
+def test_a_boolean_of_other_words_is_an_enumeration_in_dcm(tmp_path):
+    members = ParameterSet([], [Text("T", "ON", kind="boolean")])
+    [remark] = losses(members, tmp_path / "a.dcm")
+    assert str(remark) == (
+        "a.dcm (T): is of the kind boolean; 'ON' reads back as enumeration. "
+        "Write it as .cdfx or .json to keep the kind."
+    )
+
+
+def test_variants_of_a_label_are_words_of_one_kind(written):
+    path = written('FESTWERT S\n VAR A=1\n TEXT "true"\nEND\nFESTWERT S\n VAR A=2\n TEXT "undefined"\nEND')
+    assert {text.kind for text in read(path).everything.values()} == {"enumeration"}
+
+
+def test_an_enumeration_of_a_dcm_file_is_written_in_its_place(written, tmp_path):
+    path = written('FESTWERT S  \n  EINHEIT_W "-"\n TEXT   "ON"\nEND\n')
+    members = read(path)
+    changed = members.merged(ParameterSet([], [replace(members.texts[0], text="OFF")]))
+    write(changed, tmp_path / "new.dcm")
+    assert (tmp_path / "new.dcm").read_text(encoding="utf-8") == path.read_text(encoding="utf-8").replace("ON", "OFF")
+
+
+def test_a_text_that_becomes_an_enumeration_gets_a_block_of_that_kind(written, tmp_path):
+    path = written('TEXTSTRING S\n TEXT "ON"\nEND\n')
+    changed = read(path).merged(ParameterSet([], [Text("S", "ON", kind="enumeration")]))
+    write(changed, tmp_path / "new.dcm")
+    assert "FESTWERT S\n" in (tmp_path / "new.dcm").read_text(encoding="utf-8")
+    assert read(tmp_path / "new.dcm").texts == changed.texts
+
+
+def test_an_unknown_kind_of_text_is_refused():
+    with pytest.raises(ArgumentError, match="kind='word' of T must be text, enumeration or boolean"):
+        Text("T", "on", kind="word")
