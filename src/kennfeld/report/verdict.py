@@ -169,7 +169,10 @@ def _values(subject: Subject) -> Iterator[Remark]:
     at = sum(int(np.count_nonzero(c.bound)) for c in changes)
     if at and subject.result is not None:
         yield Remark("note", f"{at} of {total} values lie at a bound.")
-    if subject.trust.directions:
+    null_space = subject.trust.null_space
+    if null_space:
+        yield Remark("warning" if null_space.remedy else "note", null_space.sentence)
+    if subject.trust.directions and not (null_space and null_space.remedy):
         count = len(subject.trust.directions)
         yield Remark(
             "warning",
