@@ -287,6 +287,23 @@ class TestCalibrate:
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
         assert found["status"] == "max_iterations"
 
+    def test_a_fit_that_is_worse_than_its_start_is_a_warning(self, tmp_path, capsys):
+        rows = "\n".join(f"{x},{5 * (-1) ** x}" for x in range(8))
+        (tmp_path / "bench.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
+        (tmp_path / "model.kf").write_text("m = C(x)\n", encoding="utf-8")
+        (tmp_path / "kennfeld.toml").write_text(
+            '[model]\nfile = "model.kf"\n[[dataset]]\nfiles = ["bench.csv"]\n'
+            '[[criterion]]\nnode = "m"\ntarget = "y"\n[parameters.C]\n'
+            'x = { input = "x", begin = 0, end = 7, count = 8 }\nsmoothness = 1000\n'
+            f"initial = {[5.1 * (-1) ** x for x in range(8)]}\n",
+            encoding="utf-8",
+        )
+        assert cli.run(["calibrate", str(tmp_path / "kennfeld.toml")]) == 0
+        (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: Smooth")]
+        assert line.startswith("warning: Smoothness outweighs the data: the RMSE of m on bench rises from 0.1 to ")
+        (entry,) = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))["warnings"]
+        assert line == f"warning: {entry['sentence']} {entry['remedy']}"
+
     def test_a_calibrated_set_is_a_start_like_any_other(self, folder, project):
         assert cli.run(["calibrate", str(project)]) == 0
         change(project, "start.dcm", "results/parameters.dcm")

@@ -306,6 +306,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     if len(result.starts) > 1:
         say(*aligned(result.starts_table()), "")
     say(f"{result.status}: {result.message}")
+    complain(*result.warnings)
     say(*choices(result))
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(*left_open(result.trust), *left_data(left))

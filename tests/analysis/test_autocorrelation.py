@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.analysis import autocorrelation
-from kennfeld.analysis.autocorrelation import BLOCK
+from kennfeld.optimize.trust.persistence import BLOCK
 
 
 def slowly(error, edges, lag):

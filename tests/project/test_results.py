@@ -57,7 +57,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
-        *("starts", "resumed", "trust", "smoothness", "shifts"),
+        *("starts", "resumed", "trust", "smoothness", "shifts", "warnings"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
@@ -108,7 +108,7 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
     told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]
     assert list(told) == [
         *("noise", "persistence", "freedom", "undetermined", "by_smoothness"),
-        *("directions", "holdings", "remark"),
+        *("null_space", "directions", "holdings", "remark"),
     ]
     assert told["undetermined"] == 2
     assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "ratio", "parameters"]

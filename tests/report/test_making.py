@@ -143,6 +143,23 @@ def test_a_stale_result_is_told(shop, opened, tmp_path):
     assert "cannot be reproduced" in page.words_in_a_row
 
 
+def test_smoothness_that_outweighs_the_data_is_told_and_no_noise_is_blamed(shop, opened, tmp_path):
+    """The start is right; the curve that smoothness asks for is not."""
+    x = np.linspace(0, 9, 10)
+    toml = '[parameters.C]\nx = { input = "x", begin = 0, end = 9, count = 10 }\nsmoothness = 1e4\ninitial = '
+    fresh = {"x": x + 0.5, "m": 5 * np.sin(x + 0.5)}
+    columns = {"x": x, "m": 5 * np.sin(x)}
+    project = shop.project("y = C(x)\n", toml + str((5 * np.sin(x) + 0.1).tolist()) + "\n", columns, test=fresh)
+    result = project.calibrate()
+    write(result, project, tmp_path / "results")
+    for page in (opened(document(project, result)), opened(from_folder(project, tmp_path / "results"))):
+        words = page.words_in_a_row
+        assert "Smoothness outweighs the data: the RMSE of y on bench rises from 0.1 to" in words
+        assert result.warnings[0].mend in words
+        assert "follow noise" not in words
+        assert "learnt holds" not in words
+
+
 class TestFolder:
     @pytest.fixture
     def project(self, shop):

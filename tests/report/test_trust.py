@@ -18,6 +18,12 @@ class Direction:
 
 
 @dataclass
+class NullSpace:
+    sentence: str
+    advice: str
+
+
+@dataclass
 class Trust:
     informed: dict = field(default_factory=dict)
     samples: dict = field(default_factory=dict)
@@ -25,6 +31,7 @@ class Trust:
     leverage: dict = field(default_factory=dict)
     by_smoothness: dict = field(default_factory=dict)
     directions: tuple = ()
+    null_space: NullSpace | None = None
     holdings: tuple = ()
     remark: str = ""
     noise: float = 1.0
@@ -87,6 +94,13 @@ def test_what_limits_hold_and_a_search_that_was_cut_off_are_told(shop, opened):
     assert "The search was <stopped>." in page.words_in_a_row
 
 
+def test_the_number_of_undetermined_changes_is_told_with_what_settles_them(shop, opened):
+    space = NullSpace("Nothing determines 7 independent changes of C and k.", "To determine them, pin <all> of C.")
+    page = opened(document(shop, Trust(null_space=space)))
+    assert page.words_in_a_row.count("Nothing determines 7 independent changes of C and k.") == 2  # and as a warning
+    assert "To determine them, pin <all> of C." in page.words_in_a_row
+
+
 def test_fitted_breakpoints_are_a_table(shop, opened, tmp_path):
     toml = '[parameters.C]\nx = { input = "x", breakpoints = "free", begin = 0, end = 4, count = 3 }\ninitial = 1\n'
     x = np.linspace(0, 4, 60)
@@ -126,7 +140,8 @@ class TestStored:
         self.project = project
         write(result, project, tmp_path / "results")
         found = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))
-        found["trust"] = {"directions": list(self.DIRECTIONS)}
+        whole = {"sentence": "Nothing determines one independent change.", "remedy": "Pin k."}
+        found["trust"] = {"directions": list(self.DIRECTIONS), "null_space": whole}
         (tmp_path / "results" / "result.json").write_text(json.dumps(found), encoding="utf-8")
         (tmp_path / "results" / "trust.csv").write_text(self.HEAD + "\n".join(self.LINES) + "\n", encoding="utf-8")
         return tmp_path / "results"
@@ -139,6 +154,7 @@ class TestStored:
         assert figure["informed"] == [1, 0, 1]
         assert figure["bySmoothness"] == [0, 0, 1]
         assert "This changes nothing. Pin it." in page.words_in_a_row
+        assert "Nothing determines one independent change. Pin k." in page.words_in_a_row
         assert "studentized" in page.words_in_a_row
 
     @pytest.mark.parametrize(

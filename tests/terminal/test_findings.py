@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from kennfeld.optimize.trust import Direction, Holding, Trust
+from kennfeld.optimize.trust import Direction, Holding, NullSpace, Trust
 from kennfeld.terminal.findings import left_open
 
 ONE = Direction("Scaling A by 1.01 changes nothing.", "Pin a value of A.", {}, True, 0.0, float("inf"))
@@ -14,6 +14,18 @@ def test_each_direction_is_a_line_with_its_mend():
     heading, line = left_open(Trust(directions=(ONE,)))
     assert heading == "What the data leave open:"
     assert line == "  Scaling A by 1.01 changes nothing. Pin a value of A."
+
+
+def test_the_number_of_undetermined_changes_comes_first_with_what_settles_all_of_them():
+    space = NullSpace(7, sentence="Nothing determines 7 independent changes of A and B.", advice="Pin all of B.")
+    _, first, second = left_open(Trust(directions=(ONE,), null_space=space))
+    assert first == "  Nothing determines 7 independent changes of A and B. Pin all of B."
+    assert second == f"  {ONE}"
+
+
+def test_the_only_change_is_told_once():
+    space = NullSpace(1, sentence="Nothing determines one independent change of A.", advice="Pin A.")
+    assert left_open(Trust(directions=(ONE,), null_space=space))[1:] == [f"  {ONE}"]
 
 
 def test_at_most_three_are_shown_and_the_rest_is_counted():

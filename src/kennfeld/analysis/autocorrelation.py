@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.optimize.trust.persistence import inflation, lagged_products
 
 __all__ = ["Autocorrelation", "autocorrelation"]
 
 MOST_LAGS = 1000
-BLOCK = 65536  # samples transformed at once, so that memory does not grow with the data
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,7 @@ class Autocorrelation:
     """Correlation of an error with itself `lags` later, in s, or in samples where the time steps are uneven.
 
     Errors without memory stay within plus and minus `band` at 19 of 20 lags. `independent` is how many independent
-    samples would tell as much about a mean.
+    samples would tell as much about a mean; see `inflation`.
     """
 
     lags: Float  # Float[lags], from 0
@@ -59,36 +59,15 @@ def autocorrelation(
     centred[known] -= centred[known].mean()
     sums, pairs = np.zeros((2, lags + 1))
     for a, b in pairwise(edges):
-        sums += _products(centred[a:b], lags)
+        sums += lagged_products(centred[a:b], lags)
         if count == error.size:
             pairs += np.maximum(b - a - np.arange(lags + 1), 0)
         else:
-            pairs += np.round(_products(known[a:b].astype(np.float64), lags))
+            pairs += np.round(lagged_products(known[a:b].astype(np.float64), lags))
     if not (np.isfinite(sums).all() and sums[0] > 0):
         return None
     covariance = np.divide(sums, pairs, out=np.zeros(lags + 1), where=pairs > 0)
     values = covariance / covariance[0]
     unit = "samples" if step is None else "s"
     steps = np.arange(lags + 1, dtype=np.float64) * (step or 1.0)
-    return Autocorrelation(steps, values, 1.96 / np.sqrt(count), _independent(values, count), unit)
-
-
-def _products(values: Float, lags: int) -> Float:
-    """Sum of values[i] values[i + k] for k from 0 to `lags`."""
-    total = np.zeros(lags + 1)
-    for first in range(0, values.size, BLOCK):
-        left, right = values[first : first + BLOCK], values[first : first + BLOCK + lags]
-        size = 1 << int(left.size + max(right.size, lags + 1) - 1).bit_length()
-        found = np.fft.irfft(np.conj(np.fft.rfft(left, size)) * np.fft.rfft(right, size), size)
-        total += found[: lags + 1]
-    return total
-
-
-def _independent(values: Float, count: int) -> float:
-    """N / (1 + 2 sum r), summed over pairs of lags while they add up to more than 0.
-
-    The initial positive sequence of C. Geyer: Practical Markov Chain Monte Carlo, Statistical Science 7, 1992.
-    """
-    pairs = values[: values.size // 2 * 2].reshape(-1, 2).sum(axis=1)
-    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else pairs.size
-    return float(count / max(2 * pairs[:end].sum() - 1, 1.0))
+    return Autocorrelation(steps, values, 1.96 / np.sqrt(count), count / inflation(sums, pairs), unit)

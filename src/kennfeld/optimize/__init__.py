@@ -11,7 +11,7 @@ from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.search.saved import Keep, Saved
 from kennfeld.optimize.search.step import Step
 from kennfeld.optimize.solver.gauss_newton import Stop
-from kennfeld.optimize.trust import Direction, Trust
+from kennfeld.optimize.trust import Direction, NullSpace, Remedy, Trust
 
 __all__ = [
     "Criterion",
@@ -19,12 +19,14 @@ __all__ = [
     "Equality",
     "Keep",
     "Limit",
+    "NullSpace",
     "Options",
     "Pin",
     "Problem",
     "Progress",
     "Quality",
     "Region",
+    "Remedy",
     "Result",
     "Saved",
     "Seconds",

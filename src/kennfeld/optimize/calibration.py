@@ -21,11 +21,13 @@ from kennfeld.optimize.limits.output_limits import OutputLimits
 from kennfeld.optimize.limits.projection import missed_limits, project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.search.step import Step
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.trust.inspection import Inspection
+from kennfeld.optimize.worsening import admissible_share, worsened
 from kennfeld.parameters import ParameterSet
 from kennfeld.threads import blas_threads
 
@@ -171,12 +173,13 @@ class Run:
         axes = self.problem.free_axes
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
+        quality = scorer.quality(self.problem.parameters, parameters)
         return Result(
             status=end.status,
             message=" ".join(part for part in (end.message, remark, _unseen(informed), told(axes, parameters)) if part),
             parameters=parameters,
             start=self.problem.parameters,
-            quality=scorer.quality(self.problem.parameters, parameters),
+            quality=quality,
             trace=tuple(self.trace),
             iterations=end.iterations,
             evaluations=end.evaluations,
@@ -186,7 +189,22 @@ class Run:
             fixed_values=values - int(limits.movable.sum()),
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             inspection=self._inspection(end, informed),
+            warnings=self._warnings(end, limits, quality),
         )
+
+    def _warnings(self, end: Descent, limits: Limits, quality: Sequence[Quality]) -> tuple[Finding, ...]:
+        """What to know of the errors that the fit ends with, if they are larger than at the start."""
+        if end.status in ("infeasible", "failed"):
+            return ()
+        before, after = (
+            self.objective.cost(values) - self.exact.roughness.cost(values)
+            for values in (self.objective.start, end.values)
+        )
+        outweighed = after > before
+        smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
+        share = admissible_share(self.exact, limits, end.values, before) if smooth else None
+        scored = {criterion.node for criterion in self.problem.criteria if criterion.weight > 0}
+        return tuple(worsened(quality, scored, outweighed=outweighed, share=share))
 
     def _descend(self, start: Float, limits: Limits) -> Descent:
         """The end of the lowest cost: of the plain descent and, where there are creases, of continuations.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import Finding
 from kennfeld.graph.free_axes import free_axes
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.gauss_newton import Status
@@ -81,6 +82,7 @@ class Result:
     `starts` has a row for each start; `resumed` names the saved states that the search went on from.
     `smoothness` holds the factors of each table with an automatic one, by axis: x, y, z or w.
     `shifts` holds the shifts that were found, by dataset and channel, in s; for steady-state data in samples.
+    `warnings` tell of errors that are larger than at the start.
     """
 
     status: Status
@@ -101,6 +103,7 @@ class Result:
     resumed: tuple[str, ...] = ()
     smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    warnings: tuple[Finding, ...] = ()
 
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
@@ -147,6 +150,7 @@ class Result:
                 for name, factors in self.smoothness.items()
             },
             "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
+            "warnings": [{"sentence": f"{warning.what}.", "remedy": warning.mend} for warning in self.warnings],
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
@@ -178,14 +182,16 @@ class Result:
         table = self.table()
         widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
-        return "\n".join([f"{self.status}: {self.message}", *lines])
+        warnings = [f"warning: {warning}" for warning in self.warnings]
+        return "\n".join([f"{self.status}: {self.message}", *lines, *warnings])
 
     def _repr_html_(self) -> str:
         head, *rows = ([html.escape(cell) for cell in row] for row in self.table())
         body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+        warnings = "".join(f"<p>warning: {html.escape(str(warning))}</p>" for warning in self.warnings)
         return (
             f"<p><b>{self.status}</b>: {html.escape(self.message)}</p>"
-            f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{body}</table>"
+            f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{body}</table>{warnings}"
         )
 
     def plot(self) -> Any:

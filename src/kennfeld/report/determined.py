@@ -21,7 +21,8 @@ __all__ = ["limits", "undetermined"]
 def undetermined(subject: Subject) -> Html:
     """What the data leave open, in words and counted."""
     trust = subject.trust
-    lines = [element("li", element("b", d.sentence), f" {d.remedy}") for d in trust.directions]
+    told = [*([trust.null_space] if trust.null_space else []), *trust.directions]
+    lines = [element("li", element("b", d.sentence), f" {d.remedy}") for d in told]
     rows = [
         [c.name, str(c.after.size), *(_known_count(x) for x in _states_of(c))]
         for c in subject.changes

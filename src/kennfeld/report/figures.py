@@ -20,6 +20,7 @@ ALL_POINTS = 120_000  # of all strips and scatter plots together
 TRACE_POINTS = (400, 4000)  # least and most of one trace
 DOTS = (200, 3000)
 BINS = 50
+ALIKE = 1e-12  # relative range of errors up to which they are all the same
 OUTLYING = 0.001  # share of errors that may lie beyond the ends of a histogram
 
 Figure = Mapping[str, Any]
@@ -106,7 +107,11 @@ def _ends(error: Float) -> tuple[float, float]:
     low, high = np.quantile(known, [OUTLYING, 1.0 - OUTLYING])
     spread = max(high - low, 1e-12 * max(abs(low), abs(high), 1e-300))
     low, high = max(known.min(), low - 0.5 * spread), min(known.max(), high + 0.5 * spread)
-    return (float(low), float(high)) if high > low else (float(low) - 0.5, float(high) + 0.5)
+    size = max(abs(low), abs(high))
+    if high - low > ALIKE * size:
+        return float(low), float(high)
+    half = 0.5 * (size or 1.0)  # the errors differ by rounding, which has no room for bins
+    return float(low) - half, float(high) + half
 
 
 def _bins(error: Float, ends: tuple[float, float]) -> Figure:

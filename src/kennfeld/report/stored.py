@@ -87,7 +87,12 @@ def _result(found: Any, start: ParameterSet, parameters: ParameterSet, trace: tu
         starts=tuple(_start(row) for row in found.get("starts", ())),
         smoothness=_by_name(found, "smoothness"),
         shifts=_by_name(found, "shifts"),
+        warnings=tuple(_warning(row) for row in found.get("warnings", ())),
     )
+
+
+def _warning(row: Any) -> Finding:
+    return Finding("", row["sentence"].removesuffix("."), row["remedy"], severity="warning")
 
 
 def _by_name(found: Any, key: str) -> dict[str, dict[str, float]]:

@@ -33,8 +33,10 @@ def stored_trust(folder: Path, parameters: ParameterSet) -> TrustView:
 def _said(path: Path) -> dict[str, Any]:
     """What stands there in words."""
     trust = json.loads(path.read_text(encoding="utf-8")).get("trust") or {}
+    whole = trust.get("null_space") or {}
     return {
         "directions": tuple(Direction(entry["sentence"], entry["remedy"]) for entry in trust.get("directions", [])),
+        "null_space": Direction(whole["sentence"], whole["remedy"]) if whole.get("sentence") else None,
         "holdings": tuple(entry["sentence"] for entry in trust.get("holdings", [])),
         "remark": trust.get("remark", ""),
     }

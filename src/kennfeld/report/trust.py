@@ -31,6 +31,7 @@ class TrustView:
     leverage: Mapping[str, Float] = field(default_factory=dict)
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
     directions: tuple[Direction, ...] = ()
+    null_space: Direction | None = None  # all changes that nothing determines, counted
     holdings: tuple[str, ...] = ()  # limits that are met and what they hold, a sentence each
     remark: str = ""
 
@@ -43,10 +44,12 @@ def view(trust: Any) -> TrustView:
         return TrustView(informed=trust)
     found = getattr(trust, "directions", ())
     directions = tuple(Direction(str(d.sentence), str(getattr(d, "remedy", ""))) for d in found)
+    whole = getattr(trust, "null_space", None)
+    null_space = Direction(str(whole.sentence), str(whole.advice)) if whole is not None and whole.sentence else None
     holdings = tuple(str(holding) for holding in getattr(trust, "holdings", ()))
     remark = str(getattr(trust, "remark", ""))
     values = sum(np.size(array) for array in (getattr(trust, "deviation", None) or {}).values())
     parts = ["informed", "samples", "deviation", "by_smoothness", *(["leverage"] if values <= MANY else [])]
     known = {name: getattr(trust, name, None) for name in parts}
     arrays: dict[str, Any] = {name: value for name, value in known.items() if isinstance(value, Mapping)}
-    return TrustView(directions=directions, holdings=holdings, remark=remark, **arrays)
+    return TrustView(directions=directions, null_space=null_space, holdings=holdings, remark=remark, **arrays)

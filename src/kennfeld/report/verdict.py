@@ -104,6 +104,8 @@ def _search(subject: Subject) -> Iterator[Remark]:
         yield Remark("good", f"The search converged: {result.message}")
     else:
         yield Remark("warning", f"The search ended with the status {result.status}: {result.message}")
+    for warning in result.warnings:
+        yield Remark("warning", str(warning))
     if subject.stale:
         yield Remark(
             "warning",
@@ -142,7 +144,9 @@ def _data_remarks(subject: Subject) -> Iterator[Remark]:
         if subject.result is None or not training or not test:
             continue
         criterion = mine[0].criterion
-        fitted, fresh = pooled(training).rmse[1], pooled(test).rmse[1]
+        (given, fitted), (_, fresh) = pooled(training).rmse, pooled(test).rmse
+        if fitted > given:
+            continue  # neither noise nor anything else was learnt
         if fresh > TUNED * fitted > 0:
             yield Remark(
                 "warning",
@@ -169,7 +173,10 @@ def _values(subject: Subject) -> Iterator[Remark]:
     at = sum(int(np.count_nonzero(c.bound)) for c in changes)
     if at and subject.result is not None:
         yield Remark("note", f"{at} of {total} values lie at a bound.")
-    if subject.trust.directions:
+    null_space = subject.trust.null_space
+    if null_space:
+        yield Remark("warning" if null_space.remedy else "note", null_space.sentence)
+    if subject.trust.directions and not (null_space and null_space.remedy):
         count = len(subject.trust.directions)
         yield Remark(
             "warning",

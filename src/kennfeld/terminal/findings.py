@@ -16,13 +16,16 @@ MOST = 3  # lines of a kind
 def left_open(trust: Trust) -> list[str]:
     """The worst directions that the data do not determine, and what limits of outputs hold, a line each.
 
-    Each kind under a heading; nothing where there is none. A search that did not come to its end says so first.
+    Each kind under a heading; nothing where there is none. A search that did not come to its end says so first. If
+    nothing determines several changes, their number comes first, with what settles all of them.
     """
     remark = [trust.remark] if trust.remark else []
     outputs = [holding for holding in trust.holdings if holding.samples]  # the message tells of breakpoints
+    whole = [f"  {trust.null_space}"] if trust.null_space.dimension > 1 else []
+    heading, *directions = _listed("What the data leave open:", trust.directions) or ["What the data leave open:"]
     return [
         *remark,
-        *_listed("What the data leave open:", trust.directions),
+        *([heading, *whole, *directions] if whole or directions else []),
         *_listed("What limits hold:", outputs),
     ]
 

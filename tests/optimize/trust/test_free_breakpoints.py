@@ -94,6 +94,21 @@ def test_where_a_curve_is_flat_nothing_tells_where_its_breakpoint_lies():
     assert direction.remedy == "Give the axis fewer breakpoints, or fix them."
 
 
+def test_values_are_held_rather_than_breakpoints_and_breakpoints_where_nothing_else_can_be():
+    slope = bent(np.array([0, 3.0, 5.0, 10.0]), np.array([0, 6.0, 10.0, 20.0]))
+    result = run(problem(slope, 2 * X), kf.Options())
+    space = result.trust.null_space
+    assert (space.dimension, space.remedy.pins, space.remedy.axes) == (2, (), ())
+    (where,) = space.remedy.locks.values()
+    assert where.tolist() == [False, True, True, False]
+    held = result.parameters["C"].changed(locked=where)
+    assert run(problem(held, 2 * X), kf.Options()).trust.null_space.dimension == 0
+    flat = bent(np.array([0, 3.0, 5.0, 10.0]), np.full(4, 2.0))
+    space = run(problem(flat, np.full(X.size, 2.0)), kf.Options()).trust.null_space
+    assert (space.dimension, space.remedy.axes) == (2, ("C.x",))
+    assert space.advice == "To determine all of them, fix the breakpoints of C.x."
+
+
 def test_a_breakpoint_too_many_is_told_by_its_number():
     target = noisy(np.interp(X, [0, 5, 10], [0, 5, 0]))
     trust = run(problem(bent(np.linspace(0, 10, 5), np.zeros(5)), target), kf.Options()).trust

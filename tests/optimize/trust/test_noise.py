@@ -4,32 +4,6 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.trust.noise import persistence
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])
-def test_samples_that_remember_count_less(memory):
-    rng = np.random.default_rng(3)
-    white = rng.normal(size=60_000)
-    noise = np.zeros(white.size)
-    for k in range(1, white.size):
-        noise[k] = memory * noise[k - 1] + white[k]
-    length, count = persistence(noise)
-    assert count == noise.size
-    assert length == pytest.approx((1 + memory) / (1 - memory), rel=0.1)
-
-
-def test_gaps_are_left_out_of_the_persistence():
-    noise = np.random.default_rng(0).normal(size=5000)
-    noise[::3] = np.nan
-    length, count = persistence(noise)
-    assert count == np.isfinite(noise).sum()
-    assert length == pytest.approx(1.0, abs=0.1)
-
-
-def test_short_and_constant_residuals_have_no_persistence():
-    assert persistence(np.ones(3)) == (1.0, 3)
-    assert persistence(np.zeros(100)) == (1.0, 100)
 
 
 def line(count, noise, seed=0, outliers=0):

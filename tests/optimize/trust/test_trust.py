@@ -168,7 +168,8 @@ def test_a_derivative_that_is_not_finite_is_no_crash():
 
 def test_its_text_has_the_noise_and_a_line_a_direction():
     trust = kf.calibrate("m = a * b * x", {"x": X, "y": X + Z}, {"a": 1.0, "b": 1.0}, target="y").trust
-    noise, decided, direction = str(trust).splitlines()
+    noise, decided, whole, direction = str(trust).splitlines()
+    assert whole == str(trust.null_space)
     assert noise.startswith("The noise of m is ")
     assert decided == "The data decide 1.0 of 2 values."
     assert direction == str(trust.directions[0])

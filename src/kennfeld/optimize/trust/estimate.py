@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Accumulator
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.output_limits import Touched
@@ -30,11 +30,14 @@ from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
 from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
 from kennfeld.optimize.trust.noise import Group, rescored, variances
+from kennfeld.optimize.trust.pivoting import nullity, pivots
 from kennfeld.optimize.trust.pressing import Pressed, pressing
 from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
 from kennfeld.optimize.trust.spectrum import Spectrum, root
 
 __all__ = ["Estimate", "estimate"]
+
+PART = 1e-4  # relative part in undetermined directions that is not rounding
 
 
 @dataclass(frozen=True)
@@ -118,9 +121,28 @@ class Estimate:
         found[self.reduction.independent] = loose
         follow = self.reduction.follow
         known = follow[:, self.seen]
-        moved = np.abs(known @ basis) > 1e-4 * (np.abs(known) @ np.abs(basis))
-        found[self.reduction.dependent] = moved.any(axis=1) | (follow[:, ~self.seen] != 0).any(axis=1)
+        moved = np.linalg.norm(known @ basis, axis=1) > PART * (np.abs(known) @ np.linalg.norm(basis, axis=1))
+        found[self.reduction.dependent] = moved | (follow[:, ~self.seen] != 0).any(axis=1)
         return found
+
+    def open_values(self, preference: Float) -> tuple[Int, Int]:
+        """Return the numbers of values that nothing informs, and of a smallest set that determines all others if held.
+
+        `preference` is a factor on the part of each of all values in what is undetermined, see `pivots`.
+        """
+        independent = self.reduction.independent
+        known = independent[self.seen]
+        return independent[~self.seen], known[pivots(self.spectrum.null, preference[known])]
+
+    @property
+    def by_smoothness(self) -> int:
+        """The number of independent changes of values that samples reach which smoothness alone determines."""
+        if not self.smoothness.any():
+            return 0
+        met = np.flatnonzero(np.diag(self.data) > 0)
+        null = self.spectrum.null[met]
+        open_ones = int(np.linalg.matrix_rank(null, tol=PART)) if null.size else 0
+        return max(nullity(self.data[np.ix_(met, met)]) - open_ones, 0)
 
     def deviation(self, *, error: bool) -> Float:
         """Standard deviation of all values, of their error or else of their scatter; inf where undetermined."""

@@ -73,7 +73,7 @@ def _strongest(rows: Float, columns: Mapping[str, Int], sizes: Float) -> tuple[s
     each = np.where(sizes > 0, np.abs(rows).max(axis=0) / np.where(sizes > 0, sizes, 1.0), 0.0)
     strength = {name: float(each[at].max(initial=0.0)) for name, at in columns.items()}
     most = max(strength.values(), default=0.0)
-    ranked = sorted(strength, key=lambda name: -strength[name])
+    ranked = sorted(strength, key=lambda name: -round(strength[name] / (most or 1.0), 6))  # no order by rounding errors
     return tuple(name for name in ranked if strength[name] >= SLIGHT * most and most > 0)
 
 

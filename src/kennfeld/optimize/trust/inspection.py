@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Bool, Float
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.output_limits import OutputLimits
@@ -18,6 +18,7 @@ from kennfeld.optimize.trust.counting import touching_samples
 from kennfeld.optimize.trust.estimate import Estimate, estimate
 from kennfeld.optimize.trust.holding import Holding, distances, outputs_held
 from kennfeld.optimize.trust.noise import Group, groups
+from kennfeld.optimize.trust.null_space import null_space
 from kennfeld.optimize.trust.search import weak_directions
 from kennfeld.optimize.trust.shapes import shapes
 from kennfeld.optimize.trust.trust import Trust
@@ -92,6 +93,9 @@ class Inspection:
         known = np.zeros(self.values.size, dtype=bool)
         for name, columns in split.columns.items():
             known[columns] = informed[name].ravel()
+        axes = {name: axis.places[0] for name, axis in split.axes.items()}
+        words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes)
+        moving = {table for axis in split.axes.values() for table, _ in axis.places}
         return Trust(
             noise=_by_criterion(problem.criteria, _noises(problem.criteria, training, found.variances)),
             persistence=_by_criterion(problem.criteria, _persistences(problem.criteria, training)),
@@ -101,7 +105,8 @@ class Inspection:
             deviation=split(deviation),
             scatter=split(found.deviation(error=False)),
             by_smoothness=split(~found.met & known & np.isfinite(deviation) & (deviation > 0)),
-            directions=self._directions(found, split, informed, moved & ~found.informed, parameters, samples),
+            directions=self._directions(found, split, informed, moved & ~found.informed, parameters, words),
+            null_space=null_space(found, split.columns, parameters, moving, words),
             holdings=(*self._outputs_held(found, outputs, split), *self._distances(split, full)),
             remark=self._remark(found),
             estimate=found,
@@ -115,17 +120,15 @@ class Inspection:
         informed: Mapping[str, Bool],
         searched: Bool,
         parameters: ParameterSet,
-        samples: Int,
+        words: Describer,
     ) -> tuple[Direction, ...]:
         """Values that nothing informs, and those only `searched`, table by table; then the weak directions."""
-        axes = {name: axis.places[0] for name, axis in split.axes.items()}
-        words = Describer(self.problem.model.graph, parameters, self.problem.parameters, split(samples), axes)
         held = split(found.reduction.held)
         open_values = {name: ~seen & ~held[name] for name, seen in informed.items()}
         idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
-        blind = {name: where & ~held[name] for name, where in split(searched).items() if name not in axes}
+        blind = {name: where & ~held[name] for name, where in split(searched).items() if name not in split.axes}
         idle += [words.searched(name, where) for name, where in blind.items() if where.any()]
-        tables = {name: where for name, where in held.items() if name not in axes}
+        tables = {name: where for name, where in held.items() if name not in split.axes}
         candidates = shapes(self.problem.model.graph, parameters, tables)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):

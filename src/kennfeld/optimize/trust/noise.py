@@ -11,7 +11,7 @@ Huber: Robust Regression, Annals of Statistics 1, 1973): a value's variance is E
 noise. The loss judges a residual before its weight, so each group has moments of its own as well.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,8 +25,9 @@ from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.data.weighting import Weighting
 from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.trust.persistence import persistence
 
-__all__ = ["Group", "groups", "persistence", "rescored", "variances"]
+__all__ = ["Group", "groups", "rescored", "variances"]
 
 LEAST = 1.0  # degrees of freedom from which a noise can be told
 ENOUGH = 10.0  # the same for one group of several: with fewer, its criterion speaks for it
@@ -86,12 +87,11 @@ class _Member:
         self.residual = np.where(weights > 0, residual, np.nan)
 
     @property
-    def lasting(self) -> list[tuple[float, int]]:
-        """How long errors last in each piece of a recording."""
+    def lasting(self) -> tuple[float, int]:
+        """How long the errors of a recording last, and how many are known; none of steady-state points."""
         if self.bound.dataset.time is None:
-            return []
-        even = self.residual * np.sqrt(self.weights)
-        return [persistence(even[a:b]) for a, b in _pieces(self.bound)]
+            return 1.0, 0
+        return persistence(self.residual * np.sqrt(self.weights), self.bound.starts)
 
 
 def _own(weighting: Weighting, criterion: int, bound: Bound) -> Float:
@@ -106,7 +106,7 @@ def _split(number: int, criterion: Criterion, weight: float, members: Sequence[_
     own = np.concatenate([member.weights for member in members])
     known = np.isfinite(whole)
     whole, own = whole[known], own[known]
-    lasting = _mean([length for member in members for length in member.lasting])
+    lasting = _mean([member.lasting for member in members])
     found = []
     for above, most in classes(own):
         here = (own > above) & (own <= most)
@@ -185,34 +185,9 @@ def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
             return above, above
 
 
-def _pieces(bound: Bound) -> Iterator[tuple[int, int]]:
-    return pairwise([*bound.starts.tolist(), bound.count])
-
-
 def _mean(lasting: Sequence[tuple[float, int]]) -> float:
     total = sum(count for _, count in lasting)
     return sum(length * count for length, count in lasting) / total if total else 1.0
-
-
-def persistence(residual: Float) -> tuple[float, int]:
-    """Samples for each independent one in a recording, 1 + 2 sum of its autocorrelation; and how many are scored.
-
-    The sum ends where the autocorrelation is lost in its own scatter, 2 / sqrt(samples).
-    """
-    known = np.isfinite(residual)
-    count = int(known.sum())
-    if count < 8:
-        return 1.0, count
-    centred = np.where(known, residual - residual[known].mean(), 0.0)
-    room = 2 ** int(np.ceil(np.log2(2 * centred.size)))
-    turned = np.fft.rfft(centred, room)
-    products = np.fft.irfft(np.abs(turned) ** 2, room)[: centred.size // 2]
-    if products[0] <= 0:
-        return 1.0, count
-    correlation = products[1:] / products[0]
-    lost = np.flatnonzero(correlation < 2 / np.sqrt(count))
-    end = int(lost[0]) if lost.size else correlation.size
-    return float(1 + 2 * correlation[:end].sum()), count
 
 
 def rescored(compiled: Compiled, factors: Mapping[Group, float]) -> Samples:

@@ -75,9 +75,11 @@ def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float,
             found.append(trial)
     most = min(most, len(found) + NAMELESS)
     for trial in search.others(estimate.spectrum.directions):
-        if len(found) < most and search.news(found, trial.change) > MOSTLY_NEW:
+        if len(found) == most:
+            break
+        if search.news(found, trial.change) > MOSTLY_NEW:
             found.append(trial)
-    found.sort(key=lambda trial: (max(trial.ratio, ROUNDING), not trial.shapes))
+    found.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
     return [
         Weak(
             change=estimate.expand(trial.change),
@@ -89,6 +91,11 @@ def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float,
         )
         for trial, deviation in zip(found, search.deviations(found), strict=True)
     ]
+
+
+def _rounded(ratio: float) -> float:
+    """A ratio in so few digits that rounding errors decide no order."""
+    return float(f"{ratio:.5e}")
 
 
 class _Search:
@@ -146,10 +153,10 @@ class _Search:
         found = np.zeros(len(functions), dtype=bool)
         for i, function in enumerate(functions):
             moved = function @ basis
-            if moved.size and np.abs(moved).max() > OPEN * np.linalg.norm(function / self.scale):
+            if np.linalg.norm(moved) > OPEN * np.linalg.norm(function / self.scale):
                 found[i] = True
-                at = int(np.abs(moved).argmax())
-                functions[i + 1 :] -= np.outer(functions[i + 1 :] @ basis[:, at] / moved[at], function)
+                shares = functions[i + 1 :] @ (basis @ moved) / (moved @ moved)
+                functions[i + 1 :] -= np.outer(shares, function)
                 functions[i] = 0.0
         return found
 
@@ -187,7 +194,8 @@ class _Search:
         shapes = tuple(self.numbers[i] for i in group)
         amounts = tuple(float(weight / self.length[i]) for i, weight in zip(group, weights, strict=True))
         words = SIMPLER ** len(shapes) * PLAINER ** sum(self.kinds[i] in ("follow", "shift") for i in group)
-        return _Trial(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, max(seen, 1e-3 * EXACT) * words)
+        plain = _rounded(seen) if seen > EXACT else 1e-3 * EXACT
+        return _Trial(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, plain * words)
 
     def _near(self, group: Sequence[int] | Int) -> float:
         """The ratio below which a mixture of shapes is worth naming."""

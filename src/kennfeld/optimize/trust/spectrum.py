@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.optimize.trust.pivoting import echelon, pivots
 
 __all__ = ["Spectrum", "root"]
 
 NOTHING = 1e-12  # share of the largest eigenvalue, or singular value, that is rounding
 SOUND = 1e10  # largest variance of a value, in units of that it has alone, up to which an inverse is taken as it is
 PART = 1e-8  # share of a value in undetermined directions, squared, that is not rounding
+ALIKE = 1e-6  # relative difference up to which eigenvalues are one
 WEAKEST = 20  # how many directions are looked at
 ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
 
@@ -68,9 +70,9 @@ class Spectrum:
     def directions(self) -> Float:
         """The least determined directions, in units of the values, worst first; shape (directions, values).
 
-        Those that nothing determines come as a basis in which each touches few values.
+        Those that nothing determines come first, at most `WEAKEST`, each the only one with a part in some value.
         """
-        found: Float = np.vstack([_local(self.null.T), self.weak.T]) / self.scale
+        found: Float = np.vstack([_spread(self.null, WEAKEST), _settled(self.weak, self.weakness).T]) / self.scale
         return found
 
 
@@ -95,20 +97,20 @@ def _weakest(inverse: Float) -> tuple[Float, Float]:
     return 1 / largest[::-1], basis @ turned[:, ::-1]
 
 
-def _local(basis: Float) -> Float:
-    """Rows that span the same space, each the only one with a part in some value of its own."""
-    found = basis.copy()
-    left = np.ones(len(found), dtype=bool)
-    for _ in range(len(found)):
-        size = np.abs(found) * left[:, None]
-        row, column = np.unravel_index(int(size.argmax()), size.shape)
-        found[row] /= found[row, column]
-        others = np.arange(len(found)) != row
-        found[others] -= np.outer(found[others, column], found[row])
-        left[row] = False
+def _spread(basis: Float, most: int) -> Float:
+    """At most so many unit vectors of the space of some orthonormal columns, as rows, each with a value of its own."""
+    found = echelon(basis, pivots(basis), most).T
     found[np.abs(found) < PART] = 0.0
-    found /= np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
-    return found
+    unit: Float = found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+    return unit
+
+
+def _settled(vectors: Float, values: Float) -> Float:
+    """Eigenvectors in which those of equal eigenvalues span the same space as before, but are no matter of chance."""
+    edges = np.flatnonzero(np.diff(values) > ALIKE * np.abs(values[1:])) + 1
+    groups = np.split(np.arange(values.size), edges)
+    parts = [vectors[:, g] if g.size == 1 else _spread(vectors[:, g], g.size).T for g in groups]
+    return np.hstack(parts) if values.size else vectors
 
 
 def root(matrix: Float) -> Float:

@@ -11,6 +11,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError, nearest
 from kennfeld.optimize.trust.estimate import Estimate
 from kennfeld.optimize.trust.holding import Holding
+from kennfeld.optimize.trust.null_space import NullSpace
 from kennfeld.optimize.trust.words import Direction
 from kennfeld.threads import blas_threads
 
@@ -37,6 +38,7 @@ class Trust:
         scatter: the part of `deviation` that repeated measurements would show. Less than it where smoothness decides.
         by_smoothness: values that no sample touches and that smoothness holds.
         directions: common changes of values that the data do not see, or hardly; worst first.
+        null_space: how many independent changes nothing determines, and values to hold that settle all of them.
         holdings: limits of outputs that are met, and what they hold; breakpoints at their least distance.
         remark: a sentence where the search did not come to its end; else empty.
     """
@@ -50,6 +52,7 @@ class Trust:
     scatter: Mapping[str, Float] = field(default_factory=dict)
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
     directions: tuple[Direction, ...] = ()
+    null_space: NullSpace = field(default_factory=NullSpace)
     holdings: tuple[Holding, ...] = ()
     remark: str = ""
     estimate: Estimate | None = field(default=None, repr=False)
@@ -101,7 +104,8 @@ class Trust:
         noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
         decided = [f"The data decide {self.freedom:.1f} of {values} values."] if values else []
         remark = [self.remark] if self.remark else []
-        return "\n".join([*remark, *noise, *decided, *map(str, self.holdings), *map(str, self.directions)])
+        whole = [str(self.null_space)] if self.null_space.sentence else []
+        return "\n".join([*remark, *noise, *decided, *map(str, self.holdings), *whole, *map(str, self.directions)])
 
     def as_json(self) -> dict[str, Any]:
         """What `result.json` tells of it; numbers that are not finite, or where nothing is known, are None."""
@@ -112,6 +116,7 @@ class Trust:
             "freedom": _finite(self.freedom) if known else None,
             "undetermined": _counted(np.isinf(v) for v in self.deviation.values()) if known else None,
             "by_smoothness": _counted(self.by_smoothness.values()) if known else None,
+            "null_space": self.null_space.as_json() if known else None,
             "directions": [
                 {
                     "sentence": direction.sentence,

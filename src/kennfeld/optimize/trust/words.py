@@ -13,10 +13,11 @@ from kennfeld.optimize.trust.shapes import Shape
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.rbf import RBF
 
-__all__ = ["Describer", "Direction"]
+__all__ = ["Describer", "Direction", "listed"]
 
 PERCENT = 0.01
 NAMED = 3  # grid points of a table that a sentence names
+LISTED = 8  # grid points of a table that a remedy lists
 SHARE = 0.3  # of the strongest grid point that another needs to be named
 SLIGHT = 0.3  # of the strongest table that another needs to be named
 RELATIVE = ("scale", "stretch", "follow")
@@ -80,9 +81,7 @@ class Describer:
         if self._samples[name].any() and max(where.shape, default=0) > 2:
             mends.insert(1, f"give {name} a smoothness")
         sentence = f"No data and no smoothness inform {which}: {keeps}."
-        return Direction(
-            sentence, f"{_listed(mends, 'or')}.", {name: where.astype(np.float64)}, True, 0.0, float("inf")
-        )
+        return Direction(sentence, f"{listed(mends, 'or')}.", {name: where.astype(np.float64)}, True, 0.0, float("inf"))
 
     def searched(self, name: str, where: Bool) -> Direction:
         """Values that a search has moved, and that change nothing in small steps."""
@@ -101,9 +100,18 @@ class Describer:
         count = int(np.count_nonzero(where))
         if count == where.size:
             return name if count == 1 else all_of_them
-        places = [self._place(name, at) for at in np.argwhere(where)[:NAMED].tolist()]
+        places = [self.place(name, at) for at in np.argwhere(where)[:NAMED].tolist()]
         more = ", ..." if count > NAMED else ""
         return f"{count} of {where.size} values of {name} ({', '.join(places)}{more})"
+
+    def places(self, name: str, where: Bool) -> str:
+        """Which values of a parameter are marked, by their coordinates; how many where these would be a long list."""
+        count = int(np.count_nonzero(where))
+        if count == where.size:
+            return name if count == 1 else f"all {count} values of {name}"
+        if count > LISTED:
+            return f"{count} of the {where.size} values of {name}"
+        return f"{name} at {listed([self.place(name, at) for at in np.argwhere(where).tolist()])}"
 
     def _idle_breakpoints(self, name: str, where: Bool) -> Direction:
         """Breakpoints without data around them, or on a flat part of all their tables."""
@@ -111,7 +119,7 @@ class Describer:
         which = [self._breakpoint(name, i) for i in numbers[:NAMED]] + (["..."] if len(numbers) > NAMED else [])
         one = len(numbers) == 1
         sentence = (
-            f"No data tell where {_listed(which)} of {name} {'lies' if one else 'lie'}: "
+            f"No data tell where {listed(which)} of {name} {'lies' if one else 'lie'}: "
             f"the tables are flat there, or without data; {'it keeps its' if one else 'they keep their'} place."
         )
         return Direction(
@@ -136,11 +144,14 @@ class Describer:
 
     def nameless(self, weak: Weak, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """A direction told by its strongest grid points; `weights` say what each value's change does to the data."""
-        strength = {name: float(weight.max()) for name, weight in weights.items()}
-        names = [name for name in sorted(strength, key=lambda n: -strength[n]) if self._told(name, strength)]
-        first = int(weights[names[0]].argmax())
+        strongest = max(float(weight.max()) for weight in weights.values())
+        shares = {name: _rounded(weight / strongest) for name, weight in weights.items()}
+        strength = {name: float(share.max()) for name, share in shares.items()}
+        ranked = sorted(strength, key=lambda name: (-strength[name], name not in self._free_axes))
+        names = [name for name in ranked if strength[name] >= SLIGHT]
+        first = int(shares[names[0]].argmax())
         unit = PERCENT * self._typical(names[0]) / float(parts[names[0]].ravel()[first])
-        verbs = [v for name in names for v in self._points(name, parts[name] * unit, weights[name])]
+        verbs = [v for name in names for v in self._points(name, parts[name] * unit, shares[name])]
         deviation = weak.deviation / abs(unit)
         whole = "mean distance of breakpoints" if names[0] in self._free_axes else "largest value"
         size = f"{100 * PERCENT * deviation:.2g} % of the {whole} of {names[0]}"
@@ -148,10 +159,6 @@ class Describer:
         together = " together" if len(verbs) > 1 else ""
         sentence = f"{_clauses(verbs)}{together} {_effect(weak, size)}."
         return Direction(sentence, self._separate(names), changed, weak.exact, weak.ratio, deviation)
-
-    @staticmethod
-    def _told(name: str, strength: Mapping[str, float]) -> bool:
-        return strength[name] >= SLIGHT * max(strength.values())
 
     def _typical(self, name: str) -> float:
         if name in self._free_axes:
@@ -203,10 +210,10 @@ class Describer:
         verbs = []
         for sign, verb in ((1, "raising"), (-1, "lowering")):
             places = [
-                self._place(name, np.unravel_index(i, part.shape)) for i in chosen if np.sign(part.flat[i]) == sign
+                self.place(name, np.unravel_index(i, part.shape)) for i in chosen if np.sign(part.flat[i]) == sign
             ]
             if places:
-                at = f" at {_listed([p for p in places if p])}" if any(places) else ""
+                at = f" at {listed([p for p in places if p])}" if any(places) else ""
                 verbs.append((verb, f"{name}{' around' if some else at}{at.removeprefix(' at') if some else ''}"))
         return verbs
 
@@ -228,12 +235,12 @@ class Describer:
         start = np.nan_to_num(self._start[name].values)
         telling = shape.kind == "scale" and float(np.ptp(start)) > 0
         strength = np.abs(start if telling else parts[name])
-        best = np.where(strength >= (1 - 1e-9) * strength.max(), self._samples[name], -1)
+        best = np.where(strength >= (1 - 1e-6) * strength.max(), self._samples[name], -1)
         at = np.unravel_index(int(best.argmax()), best.shape)
         value = float(np.ravel(start if telling else table.values)[int(best.argmax())])
-        return f"Pin a value of {name} that you know, e.g. at {self._place(name, at).strip('()')} to {value:.4g}."
+        return f"Pin a value of {name} that you know, e.g. at {self.place(name, at).strip('()')} to {value:.4g}."
 
-    def _place(self, name: str, at: Iterable[Any]) -> str:
+    def place(self, name: str, at: Iterable[Any]) -> str:
         """The coordinates of a grid point; empty for a scalar. A number of an expansion has a name."""
         parameter = self._parameters[name]
         if isinstance(parameter, RBF):
@@ -249,9 +256,9 @@ class Describer:
             return "Give the axis fewer breakpoints, or fix them."
         named = [name for name in names if name not in self._free_axes]
         if all(self._parameters[name].kind == "rbf" for name in named):
-            return f"Record more samples, or give {_listed(named)} fewer centres."
+            return f"Record more samples, or give {listed(named)} fewer centres."
         tables = [name for name in named if max(self._parameters[name].values.shape, default=0) > 2]
-        smoother = f"give {_listed(tables, 'or')} more smoothness" if tables else "lock one of them"
+        smoother = f"give {listed(tables, 'or')} more smoothness" if tables else "lock one of them"
         axes = [name for name in names if name in self._free_axes]
         mends = ["Record samples that tell them apart", *(f"give {name} fewer breakpoints" for name in axes), smoother]
         return f"{', '.join(mends[:-1])}, or {mends[-1]}."
@@ -267,6 +274,12 @@ def _effect(weak: Weak, size: str) -> str:
     if weak.seen < 0.1 * weak.ratio:
         return f"changes hardly anything; mostly smoothness holds it, to +-{size}"
     return f"changes hardly anything; it is known to +-{size}"
+
+
+def _rounded(shares: Float) -> Float:
+    """Shares in so few digits that rounding errors decide no order."""
+    found: Float = np.round(shares, 6)
+    return found
 
 
 def _ordinal(number: int) -> str:
@@ -285,7 +298,7 @@ def _ordinal(number: int) -> str:
 def _clauses(verbs: Sequence[tuple[str, str]]) -> str:
     """One after the other, a verb that repeats left out."""
     said = [rest if i and verbs[i - 1][0] == verb else f"{verb} {rest}" for i, (verb, rest) in enumerate(verbs)]
-    whole = _listed(said)
+    whole = listed(said)
     return f"{whole[0].upper()}{whole[1:]}"
 
 
@@ -322,5 +335,10 @@ def _axes(graph: Graph, table: Parameter) -> tuple[str, ...]:
     return tuple(axis.input or axis.name or given for axis, given in zip(table.index_axes, fed, strict=False))
 
 
-def _listed(items: Sequence[str], word: str = "and") -> str:
+def listed(items: Sequence[str], word: str = "and") -> str:
+    """Join items as in a sentence.
+
+    >>> listed(["A", "B", "C"])
+    'A, B and C'
+    """
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {word} {items[-1]}"

@@ -1,0 +1,100 @@
+"""Warnings about a fit that ends with larger errors than it started with, and their cause."""
+
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Finding
+from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.quality import Quality
+
+__all__ = ["admissible_share", "worsened"]
+
+WORSE = 1.01  # ratio of the RMSE after the fit to that before, from which it counts as worse
+PERFECT = 1e-9  # of the target's variance: errors below it are rounding
+SHARES = tuple(float(f"{digit}e-{power}") for power in range(1, 9) for digit in (5, 2, 1))
+RIDGE = 1e-12  # of the curvature, for values that the share leaves undetermined
+NAMED = 4  # datasets that a warning names
+
+
+def worsened(
+    quality: Sequence[Quality], scored: Collection[str], *, outweighed: bool, share: float | None
+) -> Iterator[Finding]:
+    """Warn of RMSEs that are larger than at the start.
+
+    Args:
+        quality: of all criteria on all datasets.
+        scored: the criteria that count.
+        outweighed: whether the cost of the training data as a whole has risen.
+        share: the share of the smoothness at which it would not have; None where smoothness is not the cause.
+    """
+    rows = [row for row in quality if row.criterion in scored and _is_worse(row)]
+    if not rows:
+        return
+    first, *others = [_compared(row) for row in rows[:NAMED]]
+    more = f", and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
+    cause, remedy = _cause(rows, outweighed, share)
+    named = ", ".join([f"the RMSE {first}", *others])
+    yield Finding("", f"{cause}: {named}{more}", remedy, severity="warning")
+
+
+def _is_worse(row: Quality) -> bool:
+    return row.rmse_after > WORSE * row.rmse_before and not 1 - row.r2_after < PERFECT
+
+
+def _compared(row: Quality) -> str:
+    use = " (test data)" if row.use == "test" else ""
+    return f"of {row.criterion} on {row.dataset}{use} rises from {row.rmse_before:.4g} to {row.rmse_after:.4g}"
+
+
+def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None) -> tuple[str, str]:
+    if outweighed and share is not None:
+        return "Smoothness outweighs the data", f"Multiply the smoothness by about {share:g}, or record more data."
+    if outweighed:
+        return "The fit is worse than its start", "Check bounds, pins and limits: the start may not keep them."
+    if all(row.use == "test" for row in rows):
+        remedy = "Record training data there, raise the smoothness, or free fewer values."
+        return "The fit is worse than its start on test data", remedy
+    remedy = "Raise its weight: other criteria or datasets outweigh it, or a robust loss takes its errors for outliers."
+    return "The fit is worse than its start in part", remedy
+
+
+def admissible_share(compiled: Compiled, limits: Limits, values: Float, allowed: float) -> float | None:
+    """Return the largest share of the smoothness at which the data would cost no more than `allowed`, roughly.
+
+    For each share a Gauss-Newton step leads from the end of the fit to its minimum; the data's cost there counts.
+    Shares are 1, 2 and 5 times powers of ten. None where even the smallest is too much.
+
+    Args:
+        compiled: the problem that was fitted.
+        limits: of its free values.
+        values: where the fit ended, shape (values,).
+        allowed: cost of the data.
+    """
+    full = compiled.start.copy()
+    full[: values.size] = values
+    normal = compiled.accumulator.normal(full)
+    data, pull = normal.matrix.copy(), normal.gradient.copy()
+    smoothness, bend = np.zeros_like(data), np.zeros_like(pull)
+    compiled.roughness.add(values, bend, smoothness)
+    moving = limits.movable & (values > limits.lower) & (values < limits.upper)
+    part = np.ix_(moving, moving)
+
+    def costs_too_much(share: float) -> bool:
+        matrix = data[part] + share * smoothness[part]
+        ridge = RIDGE * np.diag(np.maximum(np.diag(matrix), RIDGE))
+        full[: values.size] = values
+        full[: values.size][moving] -= np.linalg.solve(matrix + ridge, (pull + share * bend)[moving])
+        full[: values.size] = np.clip(full[: values.size], limits.lower, limits.upper)
+        return not compiled.accumulator.cost(full) <= allowed
+
+    first, last = 0, len(SHARES)  # the costs rise with the share
+    while first < last:
+        middle = (first + last) // 2
+        if costs_too_much(SHARES[middle]):
+            first = middle + 1
+        else:
+            last = middle
+    return SHARES[first] if first < len(SHARES) else None

@@ -1,0 +1,188 @@
+"""How many changes nothing determines, and a remedy that, followed to the letter, leaves none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.optimize import Problem, run
+from kennfeld.optimize.trust import Trust
+from kennfeld.optimize.trust.spectrum import Spectrum
+from kennfeld.project.demo import torque
+
+RANDOM = np.random.default_rng(0)
+X, Z = RANDOM.uniform(0, 6, 600), RANDOM.uniform(0, 4, 600)
+PLAIN = kf.Options(continuation="off")
+
+
+def problem(text, columns, members, smoothness=0.0, pins=()):
+    start = kf.ParameterSet(members)
+    model = kf.formula(text, parameters=list(start))
+    smooth = dict.fromkeys(start, smoothness)
+    data = (kf.Dataset.of("bench", columns),)
+    return Problem(model, data, start, (kf.Criterion("m", "y"),), smoothness=smooth, pins=tuple(pins))
+
+
+def followed(given, result):
+    """The trust in a fit that holds what the remedy asks for, from where the first fit ended."""
+    remedy = result.trust.null_space.remedy
+    locked = [
+        result.parameters[name].changed(locked=result.parameters[name].locked | where)
+        for name, where in remedy.locks.items()
+    ]
+    parameters = result.parameters.with_parameters(*locked)
+    return run(replace(given, parameters=parameters, pins=(*given.pins, *remedy.pins)), PLAIN)
+
+
+def curve(name, count, values=1.0):
+    return kf.Curve(name, np.arange(float(count)), np.broadcast_to(values, count))
+
+
+def map_and_curve(smoothness):
+    table = kf.Map("A", np.arange(7.0), np.arange(5.0), np.zeros((7, 5)))
+    target = np.sin(X) * Z + 0.01 * np.random.default_rng(1).normal(size=X.size)
+    return problem("m = A(x, z) + B(x)", {"x": X, "z": Z, "y": target}, [table, curve("B", 7)], smoothness)
+
+
+def test_a_curve_that_a_map_contains_leaves_as_many_changes_as_it_has_grid_points():
+    given = map_and_curve(0.0)
+    result = run(given, PLAIN)
+    space = result.trust.null_space
+    assert (space.dimension, space.by_smoothness) == (7, 0)
+    assert [(pin.parameter, pin.at) for pin in space.remedy.pins] == [("B", (float(i),)) for i in range(7)]
+    assert str(space) == (
+        "Nothing determines 7 independent changes of A and B. To determine all of them, pin all 7 values of B "
+        "to values that you know, or else to the fitted ones."
+    )
+    settled = followed(given, result)
+    assert settled.trust.null_space.dimension == 0
+    assert settled.trust.null_space.sentence == ""
+    assert settled.cost_after == pytest.approx(result.cost_after)  # nothing is lost
+
+
+def test_what_smoothness_alone_determines_is_told_apart():
+    """Smoothness does not see an offset and a slope in x; it holds the other five."""
+    given = map_and_curve(0.1)
+    result = run(given, PLAIN)
+    space = result.trust.null_space
+    assert (space.dimension, space.by_smoothness) == (2, 5)
+    assert space.sentence == "Nothing determines 2 independent changes of A and B. Smoothness alone determines 5 more."
+    settled = followed(given, result).trust.null_space
+    assert (settled.dimension, settled.by_smoothness) == (0, 5)
+    assert settled.sentence == "Smoothness alone determines 5 independent changes of the values."
+    assert settled.advice == ""
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_remedy_settles_random_models_of_deficient_rank(seed):
+    random = np.random.default_rng(seed)
+    count = int(random.integers(2, 12))
+    rank = int(random.integers(1, count))
+    inputs = random.normal(size=(80, rank)) @ random.normal(size=(rank, count)) * 10.0 ** random.integers(-4, 4, count)
+    names = [f"x{i}" for i in range(count)]
+    columns = dict(zip(names, inputs.T, strict=True)) | {"y": random.normal(size=80)}
+    text = "m = " + " + ".join(f"k{i} * x{i}" for i in range(count))
+    given = problem(text, columns, [kf.Scalar(f"k{i}", 0.0) for i in range(count)])
+    result = run(given, PLAIN)
+    space = result.trust.null_space
+    assert space.dimension == count - rank == len(space.remedy.pins)
+    assert followed(given, result).trust.null_space.dimension == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "pinned"),
+    [("m = A(x) * B(z)", ["B"]), ("m = A(x) * B(z) * k", ["B", "k"]), ("m = A(x) + B(z) + k", ["B", "k"])],
+)
+def test_products_and_sums_are_settled_by_their_smallest_parts(text, pinned):
+    members = [curve("A", 7), curve("B", 5), *([kf.Scalar("k", 2.0)] if "k" in text else [])]
+    given = problem(text, {"x": X, "z": Z, "y": (3 + np.sin(X)) * (2 + Z)}, members)
+    result = run(given, PLAIN)
+    space = result.trust.null_space
+    assert space.dimension == len(pinned)
+    assert [pin.parameter for pin in space.remedy.pins] == pinned
+    settled = followed(given, result)
+    assert settled.trust.null_space.dimension == 0
+    assert settled.cost_after <= result.cost_after * (1 + 1e-6)
+
+
+def test_values_without_data_are_locked():
+    given = problem("m = A(x)", {"x": X / 2, "y": X}, [curve("A", 7)])
+    result = run(given, PLAIN)
+    space = result.trust.null_space
+    assert space.dimension == 3
+    assert space.remedy.locks["A"].tolist() == [False] * 4 + [True] * 3
+    assert (
+        str(space) == "Nothing determines 3 independent changes of A. To determine all of them, lock A at 4, 5 and 6."
+    )
+    assert followed(given, result).trust.null_space.dimension == 0
+
+
+def test_the_torque_model_has_its_scale_and_the_efficiencies_beyond_the_data():
+    start = torque.start()
+    given = Problem(
+        kf.formula(torque.FORMULA, parameters=list(start)),
+        (torque.bench(),),
+        start,
+        (kf.Criterion("TorquePredict", "Torque"),),
+    )
+    result = run(given, PLAIN)
+    space = result.trust.null_space
+    assert space.dimension == 4
+    assert np.count_nonzero(space.remedy.locks["CurveEtaDeltaSpark"]) == 3
+    assert [pin.parameter for pin in space.remedy.pins] == ["CurveEtaDeltaSpark"]
+    assert "4 independent changes" in space.sentence
+    assert "3 of them of single values that no data inform" in space.sentence
+    assert followed(given, result).trust.null_space.dimension == 0
+
+
+def test_locks_pins_and_bounds_that_hold_are_no_change():
+    given = problem("m = a * b * x", {"x": X, "y": X}, [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)])
+    assert run(given, PLAIN).trust.null_space.dimension == 1
+    pinned = replace(given, pins=(kf.Pin("a", (), 2.0),))
+    assert run(pinned, PLAIN).trust.null_space.dimension == 0
+
+
+def test_a_model_that_the_data_determine_has_none():
+    given = problem("m = a + b * x", {"x": X, "y": X}, [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)])
+    space = run(given, PLAIN).trust.null_space
+    assert (space.dimension, space.sentence, space.advice) == (0, "", "")
+    assert space.remedy.pins == ()
+
+
+def test_result_json_holds_it():
+    written = run(map_and_curve(0.0), PLAIN).as_json()["trust"]["null_space"]
+    assert written["dimension"] == 7
+    assert written["pins"][0]["parameter"] == "B"
+    assert written["remedy"].startswith("To determine all of them, pin all 7 values of B")
+
+
+@pytest.mark.parametrize("smoothness", [0.0, 0.1])
+def test_what_is_said_does_not_depend_on_how_eigenvectors_are_turned(monkeypatch, smoothness):
+    """Another processor may give any basis of the null space, and any sign of the other eigenvectors."""
+
+    def told():
+        result = run(map_and_curve(smoothness), PLAIN)
+        return str(result.trust), result.trust.null_space.remedy.pins
+
+    expected = told()
+    plain = Spectrum._of.__func__
+
+    def turned(seed):
+        def made(cls, scale, values, vectors, null):
+            random = np.random.default_rng(seed)
+            rotation, _ = np.linalg.qr(random.normal(size=(null, null)))
+            signs = random.choice([-1.0, 1.0], vectors.shape[1] - null)
+            return plain(cls, scale, values, np.hstack([vectors[:, :null] @ rotation, vectors[:, null:] * signs]), null)
+
+        return classmethod(made)
+
+    for seed in range(4):
+        monkeypatch.setattr(Spectrum, "_of", turned(seed))
+        sentences, pins = told()
+        assert sentences == expected[0]
+        assert [pin.at for pin in pins] == [pin.at for pin in expected[1]]
+
+
+def test_where_nothing_is_known_it_is_null():
+    assert Trust().as_json()["null_space"] is None

@@ -1,0 +1,104 @@
+"""How long errors last, against processes whose answer is known."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.optimize.trust.persistence import inflation, lagged_products, persistence
+
+
+def recordings(memory, samples, count, seed=0):
+    """So many errors that each remember a share of the one before; stationary from the first sample."""
+    white = np.random.default_rng(seed).normal(size=(samples, count))
+    errors = white.copy()
+    errors[0] /= np.sqrt(1 - memory**2)
+    for k in range(1, samples):
+        errors[k] += memory * errors[k - 1]
+    return errors.T
+
+
+def truth(memory, samples, share=1.0):
+    """The variance of a sum of so many samples, of which a share is known, over that of independent ones."""
+    lags = np.arange(1, samples)
+    return 1 + 2 * share * float(np.sum((1 - lags / samples) * memory**lags))
+
+
+def agrees(lengths, expected, bias=0.0):
+    """Whether their mean is what is expected, within four standard errors and a known bias."""
+    lengths = np.array(lengths)
+    return abs(lengths.mean() - expected) < 4 * lengths.std() / np.sqrt(lengths.size) + (0.01 + bias) * expected
+
+
+SHORT = [(0.0, 300), (0.5, 200), (0.9, 200), (0.9, 500)]
+LONG = [(0.0, 5000), (0.5, 5000), (0.9, 5000), (0.99, 5000), (0.99, 20_000)]
+
+
+@pytest.mark.parametrize(("memory", "samples"), [*SHORT, *LONG])
+def test_errors_that_decay_count_as_they_should(memory, samples):
+    lengths = [persistence(error)[0] for error in recordings(memory, samples, 60)]
+    assert agrees(lengths, (1 + memory) / (1 - memory))
+
+
+def test_a_recording_of_five_independent_samples_is_told_to_be_about_that():
+    lengths = [persistence(error)[0] for error in recordings(0.99, 1000, 60)]
+    assert 0.5 * 199 < np.mean(lengths) < 1.2 * 199
+
+
+@pytest.mark.parametrize("weight", [0.5, 1.0, -0.5])
+def test_errors_of_a_moving_mean_count_as_they_should(weight):
+    white = np.random.default_rng(1).normal(size=(40, 4001))
+    lengths = [persistence(error)[0] for error in white[:, 1:] + weight * white[:, :-1]]
+    assert agrees(lengths, max(1 + 2 * weight / (1 + weight**2), 1.0), 0.02)  # never less than 1
+
+
+@pytest.mark.parametrize(("samples", "pieces"), [(12, 100), (25, 80), (100, 20)])
+def test_nothing_lasts_beyond_a_piece(samples, pieces):
+    starts = samples * np.arange(pieces)
+    lengths = [persistence(recordings(0.9, samples, pieces, seed).ravel(), starts)[0] for seed in range(30)]
+    assert agrees(lengths, truth(0.9, samples), 0.04)
+
+
+@pytest.mark.parametrize("lost", [0.3, 0.8])
+def test_samples_that_are_missing_have_no_neighbours(lost):
+    errors = recordings(0.9, 5000, 30)
+    errors[np.random.default_rng(7).random(errors.shape) < lost] = np.nan
+    told = [persistence(error) for error in errors]
+    assert [count for _, count in told] == np.isfinite(errors).sum(axis=1).tolist()
+    assert agrees([length for length, _ in told], truth(0.9, 5000, 1 - lost), 0.06)
+
+
+def test_where_every_second_sample_is_missing_the_others_are_neighbours():
+    errors = recordings(0.9, 8000, 20)
+    errors[:, 1::2] = np.nan
+    assert agrees([persistence(error)[0] for error in errors], (1 + 0.81) / (1 - 0.81), 0.02)
+
+
+@pytest.mark.parametrize("residual", [np.ones(3), np.zeros(100), np.full(50, np.nan), np.full(40, 3.0)])
+def test_short_constant_and_unknown_residuals_last_a_sample(residual):
+    assert persistence(residual) == (1.0, np.isfinite(residual).sum())
+
+
+def test_a_jump_between_pieces_is_no_correlation_within_them():
+    white = np.random.default_rng(0).normal(size=4000)
+    assert persistence(white, np.arange(0, 4000, 40))[0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_products_by_blocks_are_those_of_the_definition():
+    values = np.random.default_rng(0).normal(size=70_000)
+    found = lagged_products(values, 3)
+    assert found == pytest.approx([values[: values.size - k] @ values[k:] for k in range(4)])
+
+
+def test_an_exact_correlation_gives_the_exact_sum():
+    """No mean was taken off a recording that is so long that its share is nothing."""
+    pairs = np.full(200, 1e12)
+    assert inflation(0.9 ** np.arange(200) * pairs, pairs) == pytest.approx(19.0, rel=1e-6)
+
+
+def test_a_fit_tells_the_persistence_of_its_errors_and_widens_its_deviations():
+    (error,) = recordings(0.9, 20_000, 1, seed=5)
+    data = kf.Dataset.of("drive", {"y": 3 + error}, time=0.1 * np.arange(error.size))
+    trust = kf.calibrate("m = a", data, {"a": 0.0}, target="y").trust
+    assert trust.persistence["m"] == pytest.approx(19.0, rel=0.25)
+    independent = float(np.std(error)) / np.sqrt(error.size)
+    assert float(trust.deviation["a"]) == pytest.approx(independent * np.sqrt(19.0), rel=0.15)
