@@ -12,11 +12,12 @@ from kennfeld.graph import Graph
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.conversion import compare, says_nothing
+from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.data.binding import NEAR
+from kennfeld.optimize.data.model_step import refined
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
 from kennfeld.project.files import CACHE, default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
-from kennfeld.project.shift import refined, shifted
 from kennfeld.project.steady import steady_points
 from kennfeld.project.toml import quoted
 from kennfeld.project.units import Units, check_stated, restated
@@ -295,7 +296,7 @@ class _Loading:
         if self.entry.steady:
             return self._steady(dataset)
         if self.wanted.step is not None:
-            dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
+            dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place, _raster)
         return dataset
 
     def _steady(self, dataset: Dataset) -> Dataset | None:
@@ -353,3 +354,7 @@ class _Loading:
             if not scored.any():
                 self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
         return dataset if scored.all() else replace(dataset, scored=scored)
+
+
+def _raster(step: float) -> str:
+    return f"Write raster = {step:g} to put them onto an even raster."
