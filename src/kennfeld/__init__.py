@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.dataset import Channel, Dataset, Settling
-    from kennfeld.errors import InputError, KennfeldError
+    from kennfeld.errors import InputError, InputWarning, KennfeldError
     from kennfeld.expansion import Expansion
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
@@ -41,6 +41,7 @@ __all__ = [
     "Expansion",
     "Graph",
     "InputError",
+    "InputWarning",
     "KennfeldError",
     "Limit",
     "Map",
@@ -71,7 +72,7 @@ _ROOMS = {
     "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
     "dataset": ("Channel", "Dataset", "Settling"),
-    "errors": ("InputError", "KennfeldError"),
+    "errors": ("InputError", "InputWarning", "KennfeldError"),
     "expansion": ("Expansion",),
     "graph": ("Graph",),
     "measurement": ("read",),

@@ -10,7 +10,7 @@ from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.numeric import array, number
 
-__all__ = ["PAUSE", "Channel", "Dataset", "Settling", "Use", "concatenate"]
+__all__ = ["PAUSE", "Channel", "Clock", "Dataset", "Settling", "Use", "concatenate"]
 
 Use = Literal["training", "test"]
 
@@ -34,6 +34,18 @@ class Channel:
 
     def __len__(self) -> int:
         return self.values.size
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The column of a file that time was read from.
+
+    `in_milliseconds` says that its numbers look like milliseconds, though they were taken for seconds because the file
+    states no unit.
+    """
+
+    name: str
+    in_milliseconds: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,6 +86,7 @@ class Dataset(Mapping[str, Channel]):
     `warmup` is how long, in s, each piece is simulated before it counts.
     `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
     `settling` says how a model with memory runs on steady-state points.
+    `clock` names the column that time was read from, if it was read from a file.
     Raises `ArgumentError` where lengths differ or time does not increase.
 
     >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
@@ -92,6 +105,7 @@ class Dataset(Mapping[str, Channel]):
     weight_channel: str = ""
     settling: Settling | None = None
     warmup: float = 0.0
+    clock: Clock | None = None
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}

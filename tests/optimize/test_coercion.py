@@ -108,3 +108,25 @@ def test_shifts_are_in_seconds_where_a_column_holds_the_time():
 def test_dates_that_are_not_the_time_are_no_channels():
     when = np.array(["2026-01-02", "2026-01-01", "2026-01-03"], dtype="M8[D]")
     assert list(kf.simulate("y = 2 * u", {"made": when, "u": [1, 2, 3]}, {})["y"].values) == [2, 4, 6]
+
+
+def test_time_that_looks_like_milliseconds_is_a_warning_at_the_line_of_the_call():
+    data = {"Time": 100 * np.arange(40), "u": STEP, "z": RESPONSE}
+    with pytest.warns(
+        kf.InputWarning, match="dataset training: the time stamps look like milliseconds: Time has"
+    ) as found:
+        kf.calibrate(SLOW, data, {"T": 200.0}, "z")
+    assert [warning.filename for warning in found] == [__file__]
+    with pytest.warns(kf.InputWarning, match="dataset data: the time stamps look like milliseconds"):
+        kf.simulate(SLOW, data, {"T": 200.0})
+
+
+def test_time_without_a_unit_is_in_seconds_where_the_length_of_a_second_does_not_matter():
+    data = {"Time": 100 * np.arange(40), "u": STEP, "z": 2 * STEP}
+    assert kf.calibrate("y = k * u", data, {"k": 1.0}, "z").parameters["k"].value == pytest.approx(2)
+
+
+@pytest.mark.parametrize("name", ["time_ms", "time [ms]", "Zeit (ms)"])
+def test_a_unit_in_the_name_needs_no_warning(name):
+    data = {name: 100 * np.arange(40), "u": STEP, "z": RESPONSE}
+    assert kf.calibrate(SLOW, data, {"T": 0.2}, "z").parameters["T"].value == pytest.approx(0.7, rel=1e-6)

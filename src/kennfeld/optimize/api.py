@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.dataset import Dataset, Use
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest, warn
 from kennfeld.graph import Graph
 from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
@@ -19,7 +19,7 @@ from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
 from kennfeld.optimize.data.coercion import Data, dataset_of
-from kennfeld.optimize.data.model_step import is_timed, recorded_samples, refined
+from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
@@ -288,7 +288,11 @@ def _on_step(
     model: Model, datasets: Sequence[Dataset], inputs: Collection[str], unknown: Collection[str] = ()
 ) -> tuple[Dataset, ...]:
     """The datasets on the model's own step, if it has one; `unknown` are those with a shift that is to be found."""
-    if model.step is None or not is_timed(model.graph):
+    if not is_timed(model.graph):
+        return tuple(datasets)
+    for data in datasets:
+        warn(clock_findings(data, f"dataset {data.name}"))
+    if model.step is None:
         return tuple(datasets)
     made: list[Dataset] = []
     findings: list[Finding] = []

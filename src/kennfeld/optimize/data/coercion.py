@@ -14,7 +14,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.graph import Graph
 from kennfeld.measurement.columns import Column, Table
-from kennfeld.measurement.timing import find_time, seconds
+from kennfeld.measurement.timing import clock_of, find_time, seconds
 from kennfeld.measurement.units import split_name, time_unit
 from kennfeld.optimize.data.model_step import is_timed
 
@@ -64,7 +64,7 @@ def _with_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Col
         what = f"{column.place} does not increase at sample {k + 2}: {time[k]:g} s, then {time[k + 1]:g} s"
         mend = "Sort the rows by time, and pass each recording as a dataset of its own."
         raise InputError.of(f"dataset {dataset.name}", what, mend)
-    return dataset if wrong.size else replace(dataset, time=time)
+    return dataset if wrong.size else replace(dataset, time=time, clock=clock_of(column))
 
 
 def _column(name: str, values: Float, unit: str = "") -> Column:

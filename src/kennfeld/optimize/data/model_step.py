@@ -1,23 +1,32 @@
 """Data put onto a model's own step, which is where a model with memory means anything."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import InputError
+from kennfeld.errors import Finding, InputError
 from kennfeld.graph import Graph
+from kennfeld.measurement.timing import unit_remedy
 from kennfeld.optimize.choice.shifting import interpolated
 from kennfeld.optimize.data.evaluation import uses_clock
 
-__all__ = ["is_timed", "raster_in_python", "recorded_samples", "refined"]
+__all__ = ["clock_findings", "is_timed", "raster_in_python", "recorded_samples", "refined"]
 
 
 def is_timed(graph: Graph) -> bool:
     """Return whether the step matters to a function: it has memory, or reads the time or the step."""
     return bool(graph.states) or uses_clock(graph)
+
+
+def clock_findings(dataset: Dataset, place: str) -> Iterator[Finding]:
+    """Warn of time stamps that look like milliseconds and were taken for seconds."""
+    if dataset.clock is not None and dataset.clock.in_milliseconds:
+        name = dataset.clock.name
+        what = f"the time stamps look like milliseconds: {name} has no unit and is taken as s, and its steps are long"
+        yield Finding(place, what, unit_remedy(name), severity="warning")
 
 
 def raster_in_python(step: float) -> str:
