@@ -9,7 +9,6 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import cache as caching
-from kennfeld.measurement import read
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import read_leniently
 

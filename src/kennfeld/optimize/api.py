@@ -20,6 +20,7 @@ from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
 from kennfeld.optimize.data.coercion import Data, dataset_of
 from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
+from kennfeld.optimize.data.overlap import overlap_findings
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
@@ -159,6 +160,7 @@ def problem_of(
         unknown,
     )
     _check(problem)
+    warn(overlap_findings(problem, lambda data: f"dataset {data.name}"))
     return problem
 
 

@@ -19,6 +19,7 @@ from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.project.seen_data import seen_test_data
 from kennfeld.project.step_check import step_warning
 from kennfeld.project.toml import quoted
 
@@ -42,7 +43,8 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_names(file, problem),
     ]
     warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
-    return [*warnings, *_clocks(file, problem, places), *event_warning(file, problem), *step_warning(file, problem)]
+    warnings += [*_clocks(file, problem, places), *seen_test_data(file, problem, places)]
+    return [*warnings, *event_warning(file, problem), *step_warning(file, problem)]
 
 
 def _clocks(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> Iterator[Finding]:

@@ -105,6 +105,7 @@ class Subject:
     trust: TrustView = field(default_factory=TrustView)
     written: Mapping[str, Any] | None = None  # the contents of `result.json`
     left: "tuple[Leaving, ...]" = ()  # where surrogates are used outside the data they were trained on
+    seen: tuple[Finding, ...] = ()  # test data that are training data too
 
     @property
     def parameters(self) -> ParameterSet:
@@ -211,6 +212,7 @@ def subject(
         trust=trust,
         written=written,
         left=left,
+        seen=tuple(project.seen_test_data()),
     )
 
 
