@@ -95,17 +95,8 @@ def __getattr__(name: str) -> "Any":
         raise AttributeError(f"module 'kennfeld' has no attribute {name!r}. {nearest(name, __all__)}".strip())
     found = getattr(import_module(f"kennfeld.{_ROOM_OF[name]}"), _NAME_INSIDE.get(name, name))
     globals()[name] = found
-    if name not in _ROOMS["errors"]:
-        _connect_formats()
     return found
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-def _connect_formats() -> None:
-    """Let `ParameterSet.save` find the calibration formats, which load when a file is saved."""
-    from kennfeld.parameters import use_writer
-
-    use_writer(lambda parameters, path: import_module("kennfeld.calfiles").write(parameters, path))

@@ -5,6 +5,7 @@ All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpo
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
@@ -520,6 +521,8 @@ class ParameterSet(Mapping[str, Parameter]):
     def save(self, path: str | Path) -> None:
         """Write the set to a calibration file; the ending (`.dcm`, `.json`, ...) chooses the format."""
         if _writer is None:
+            import_module(_FORMATS)
+        if _writer is None:
             raise ArgumentError("no calibration format is registered")
         _writer(self, Path(path))
 
@@ -557,6 +560,7 @@ def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[
     return tuple(groups.values())
 
 
+_FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, which is late: reading and writing take time
 _writer: Callable[[ParameterSet, Path], object] | None = None
 
 
