@@ -60,6 +60,14 @@ def test_a_report_calls_data_unseen_only_if_they_are(shop, opened):
         assert ("the test file fresh.csv has the same content as the training file bench.csv" in words) is not unseen
 
 
+def test_a_report_says_that_a_constant_target_has_no_r2(shop, opened):
+    flat = scattered(100, 1) | {"m": np.full(100, 0.1)}
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", scattered(100), test=flat)
+    for result in (None, project.calibrate()):
+        words = opened(document(project, result)).words
+        assert words.count("constant target") == (1 if result is None else 2)
+
+
 def test_the_report_of_a_folder_shows_the_shifts_that_the_run_found(shop, tmp_path, opened):
     x = np.sin(np.arange(400) / 5.0) * (1 + np.arange(400) / 200)
     late = np.roll(3 * x + 1, 2)
