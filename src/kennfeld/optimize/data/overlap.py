@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.arrays import Bool, Int
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding
 from kennfeld.optimize.problem import Problem
@@ -42,19 +43,27 @@ def overlaps(problem: Problem) -> Iterator[Overlap]:
     """
     training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
     for test in (data for data in problem.datasets if data.use == "test"):
-        names = [_shared_names(problem, test, data) for data in training]
-        own = {tuple(chosen): _keys(test, chosen) for chosen in names}
-        seen = [np.isin(own[tuple(chosen)], _keys(data, chosen)) for chosen, data in zip(names, training, strict=True)]
-        found = [
-            data.name
-            for chosen, data, mask in zip(names, training, seen, strict=True)
-            if _is_more_than_chance(own[tuple(chosen)], mask)
-        ]
-        if found:
-            whole = max(keys.size for keys in own.values())
-            same = [mask for mask in seen if mask.size == whole]
-            samples = int(np.any(same, axis=0).sum()) if same else max(int(mask.sum()) for mask in seen)
-            yield Overlap(test, tuple(found), samples, whole)
+        overlap = _overlap(problem, test, training)
+        if overlap is not None:
+            yield overlap
+
+
+def _overlap(problem: Problem, test: Dataset, training: Sequence[Dataset]) -> Overlap | None:
+    """What a test dataset shares with training data, each compared over the channels that it has too."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    seen: dict[tuple[str, ...], Bool] = {}
+    counts: dict[tuple[str, ...], Int] = {}
+    for data in training:
+        names = _shared_names(problem, test, data)
+        distinct, counts[names] = np.unique(_keys(test, names), return_counts=True)
+        shared = _within(distinct, np.sort(_keys(data, names)))
+        if shared.sum() > 1 and shared.sum() > _CHANCE * distinct.size:
+            found.setdefault(names, []).append(data.name)
+            seen[names] = seen.get(names, False) | shared
+    if not found:
+        return None
+    most = max(found, key=lambda names: counts[names][seen[names]].sum())
+    return Overlap(test, tuple(found[most]), int(counts[most][seen[most]].sum()), int(counts[most].sum()))
 
 
 def overlap_findings(problem: Problem, place: Callable[[Dataset], str]) -> Iterator[Finding]:
@@ -63,12 +72,12 @@ def overlap_findings(problem: Problem, place: Callable[[Dataset], str]) -> Itera
         yield Finding(place(overlap.dataset), str(overlap), HOLD_BACK, severity="warning")
 
 
-def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> list[str]:
+def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:
     """The channels that tell whether samples of two datasets are the same; none if no target can be compared."""
     inputs = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
     targets = [c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.kind != "number"]
     both = [name for name in targets if name in test and name in training]
-    return [] if targets and not both else [name for name in dict.fromkeys([*inputs, *both]) if name in test]
+    return () if targets and not both else tuple(name for name in dict.fromkeys([*inputs, *both]) if name in test)
 
 
 def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
@@ -90,6 +99,9 @@ def _mixed(keys: Keys) -> Keys:
     return np.asarray(keys ^ (keys >> np.uint64(32)))
 
 
-def _is_more_than_chance(keys: Keys, seen: NDArray[np.bool_]) -> bool:
-    shared = np.unique(keys[seen]).size
-    return shared > 1 and shared > _CHANCE * np.unique(keys).size
+def _within(keys: Keys, others: Keys) -> Bool:
+    """Which of some keys are among others; both sorted, which makes the search fast."""
+    if not others.size:
+        return np.zeros(keys.size, dtype=bool)
+    places = np.minimum(np.searchsorted(others, keys), others.size - 1)
+    return np.asarray(others[places] == keys)
