@@ -62,7 +62,7 @@ def test_an_unknown_channel_is_named_with_the_nearest():
         ({"time": [0.0, 1.0, 1.0]}, "time of dataset bench does not increase at sample 2: 1 s, then 1 s"),
         ({"time": [0.0, -1.0, 1.0]}, "does not increase at sample 1: 0 s, then -1 s"),
         ({"time": [0.0, np.nan, 1.0]}, "does not increase at sample 1: 0 s, then nan s"),
-        ({"weight": -1.0}, "weight=-1.0 of dataset bench must be a number from 0 on"),
+        ({"weight": -1.0}, "weight=-1 of dataset bench must be a finite number >= 0"),
         ({"weight": np.nan}, "weight=nan of dataset bench"),
         ({"weight": np.inf}, "weight=inf of dataset bench"),
         ({"starts": []}, r"starts=\[\] of dataset bench must rise from 0 within 3 samples"),

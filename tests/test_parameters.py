@@ -1,4 +1,7 @@
 import dataclasses
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -329,12 +332,22 @@ def test_select_keeps_the_order_asked_for():
 def test_saving_hands_the_set_to_the_writer(monkeypatch):
     written = []
     monkeypatch.setattr(module, "_writer", None)
+    monkeypatch.setattr(module, "_FORMATS", "kennfeld.parameters")
     held = ParameterSet([Scalar("a", 1)])
     with pytest.raises(ArgumentError, match="no calibration format is registered"):
         held.save("x.dcm")
     use_writer(lambda values, path: written.append((values, path)))
     held.save("x.dcm")
     assert written == [(held, Path("x.dcm"))]
+
+
+@pytest.mark.parametrize("first", ["", "import kennfeld as kf; kf.InputError; "])
+def test_a_set_is_saved_by_whoever_imports_the_types_alone(tmp_path, first):
+    script = (
+        first + "from kennfeld.parameters import ParameterSet, Scalar; ParameterSet([Scalar('a', 1)]).save('a.json')"
+    )
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["a"]["value"] == 1
 
 
 def test_a_text_is_of_kind_text():

@@ -15,6 +15,7 @@ PROMISED = {
 }
 NEEDED_WITH_THEM = {"Block", "Text", "Pin", "Region", "Settling", "Options", "Step", "Stop"} | {
     "InputError",
+    "InputWarning",
     "KennfeldError",
     "cross_validate",
     "Expansion",

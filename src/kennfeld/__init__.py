@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.dataset import Channel, Dataset, Settling
-    from kennfeld.errors import InputError, KennfeldError
+    from kennfeld.errors import InputError, InputWarning, KennfeldError
     from kennfeld.expansion import Expansion
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
@@ -41,6 +41,7 @@ __all__ = [
     "Expansion",
     "Graph",
     "InputError",
+    "InputWarning",
     "KennfeldError",
     "Limit",
     "Map",
@@ -71,7 +72,7 @@ _ROOMS = {
     "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
     "dataset": ("Channel", "Dataset", "Settling"),
-    "errors": ("InputError", "KennfeldError"),
+    "errors": ("InputError", "InputWarning", "KennfeldError"),
     "expansion": ("Expansion",),
     "graph": ("Graph",),
     "measurement": ("read",),
@@ -94,17 +95,8 @@ def __getattr__(name: str) -> "Any":
         raise AttributeError(f"module 'kennfeld' has no attribute {name!r}. {nearest(name, __all__)}".strip())
     found = getattr(import_module(f"kennfeld.{_ROOM_OF[name]}"), _NAME_INSIDE.get(name, name))
     globals()[name] = found
-    if name not in _ROOMS["errors"]:
-        _connect_formats()
     return found
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-def _connect_formats() -> None:
-    """Let `ParameterSet.save` find the calibration formats, which load when a file is saved."""
-    from kennfeld.parameters import use_writer
-
-    use_writer(lambda parameters, path: import_module("kennfeld.calfiles").write(parameters, path))

@@ -7,9 +7,10 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
-from kennfeld.errors import ArgumentError, nearest
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.numeric import array, number
 
-__all__ = ["PAUSE", "Channel", "Dataset", "Settling", "Use", "concatenate"]
+__all__ = ["PAUSE", "Channel", "Clock", "Dataset", "Settling", "Use", "concatenate"]
 
 Use = Literal["training", "test"]
 
@@ -26,13 +27,25 @@ class Channel:
     description: str = ""
 
     def __post_init__(self) -> None:
-        values = readonly(self.values)
+        values = readonly(array(self.values, f"channel {self.name}"))
         if values.ndim != 1:
             raise ArgumentError(f"channel {self.name} must be one list of numbers, not of shape {values.shape}")
         object.__setattr__(self, "values", values)
 
     def __len__(self) -> int:
         return self.values.size
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The column of a file that time was read from.
+
+    `in_milliseconds` says that its numbers look like milliseconds, though they were taken for seconds because the file
+    states no unit.
+    """
+
+    name: str
+    in_milliseconds: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,8 +64,10 @@ class Settling:
     step: float | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.seconds < np.inf:
-            raise ArgumentError(f"seconds={self.seconds} of a settling must be a number above 0")
+        object.__setattr__(self, "seconds", number(self.seconds, "seconds", "a settling", above=0))
+        object.__setattr__(self, "average", number(self.average, "average", "a settling"))
+        if self.step is not None:
+            object.__setattr__(self, "step", number(self.step, "step", "a settling", above=0))
         if not 0 <= self.average <= self.seconds:
             raise ArgumentError(f"average={self.average} of a settling must be between 0 and its {self.seconds:g} s")
         if self.step is not None and not 0 < self.step <= self.seconds:
@@ -71,6 +86,7 @@ class Dataset(Mapping[str, Channel]):
     `warmup` is how long, in s, each piece is simulated before it counts.
     `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
     `settling` says how a model with memory runs on steady-state points.
+    `clock` names the column that time was read from, if it was read from a file.
     Raises `ArgumentError` where lengths differ or time does not increase.
 
     >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
@@ -89,6 +105,7 @@ class Dataset(Mapping[str, Channel]):
     weight_channel: str = ""
     settling: Settling | None = None
     warmup: float = 0.0
+    clock: Clock | None = None
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -101,10 +118,8 @@ class Dataset(Mapping[str, Channel]):
         if len(lengths) > 1:
             sizes = ", ".join(f"{c.name} {len(c)}" for c in self.channels[:6])
             raise ArgumentError(f"channels of dataset {self.name} differ in length: {sizes}")
-        if not (self.weight >= 0 and np.isfinite(self.weight)):
-            raise ArgumentError(f"weight={self.weight} of dataset {self.name} must be a number from 0 on")
-        if not (self.warmup >= 0 and np.isfinite(self.warmup)):
-            raise ArgumentError(f"warmup={self.warmup} of dataset {self.name} must be a number of seconds from 0 on")
+        for key in ("weight", "warmup", "max_gap"):
+            object.__setattr__(self, key, number(getattr(self, key), key, f"dataset {self.name}", least=0))
         if self.use not in ("training", "test"):
             raise ArgumentError(f"use={self.use!r} of dataset {self.name} must be training or test")
         starts = np.array(self.starts, dtype=np.int64)
@@ -116,7 +131,7 @@ class Dataset(Mapping[str, Channel]):
         if self.settling is not None and self.time is not None:
             raise ArgumentError(f"settling={self.settling} of dataset {self.name} is for points without time stamps")
         if self.time is not None:
-            self._check_time(readonly(self.time))
+            self._check_time(readonly(array(self.time, f"time of dataset {self.name}")))
         if self.scored is not None:
             scored = np.array(self.scored, dtype=bool)
             if scored.shape != (self.samples,):
@@ -143,10 +158,29 @@ class Dataset(Mapping[str, Channel]):
     def of(
         cls, name: str, columns: Mapping[str, ArrayLike], *, units: Mapping[str, str] | None = None, **attributes: Any
     ) -> Self:
-        """A dataset from named columns (a dict of arrays, or a pandas DataFrame)."""
-        units = units or {}
-        channels = tuple(Channel(str(c), np.asarray(columns[c], dtype=np.float64), units.get(c, "")) for c in columns)
-        return cls(name, channels, **attributes)
+        """Return a dataset of named columns.
+
+        Args:
+            name: what messages call it.
+            columns: numbers by name: a dict of arrays, or a pandas DataFrame.
+            units: the units of channels, by name.
+            attributes: further attributes of the dataset.
+
+        Raises:
+            InputError: columns do not hold numbers; names each of them.
+            ArgumentError: lengths or attributes contradict each other.
+        """
+        units, channels, findings = units or {}, [], []
+        for column in columns:
+            try:
+                values = array(columns[column], f"channel {column}")
+                channels.append(Channel(str(column), values, units.get(column, "")))
+            except ArgumentError as error:
+                mend = "Leave it out, or give numbers in its place."
+                findings.append(Finding(f"dataset {name}", str(error), mend))
+        if findings:
+            raise InputError(findings)
+        return cls(name, tuple(channels), **attributes)
 
     @property
     def samples(self) -> int:

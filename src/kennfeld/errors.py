@@ -4,15 +4,21 @@
     ├── InputError       a file, a formula or a project is wrong; carries every finding at once
     └── ArgumentError    the Python API was called with an unusable argument (also a ValueError)
 
+`InputWarning` is the category of Python warnings about input that can be used, but perhaps not as it was meant.
+
 A fit that does not converge is no exception: it is a `Result` whose status says so.
 """
 
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
 from typing import Literal
 
-__all__ = ["ArgumentError", "Finding", "InputError", "KennfeldError", "nearest"]
+__all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "nearest", "warn"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,25 @@ class InputError(KennfeldError):
 
 class ArgumentError(KennfeldError, ValueError):
     """An argument that cannot be used; the text names it and its value."""
+
+
+class InputWarning(UserWarning):
+    """Input of the Python API that can be used, but perhaps not as it was meant; projects report it as a finding."""
+
+
+def warn(findings: Iterable[Finding]) -> None:
+    """Issue findings as Python warnings, at the line outside this package from which the call came."""
+    for finding in findings:
+        warnings.warn(str(finding), InputWarning, stacklevel=_frames_inside() + 1)
+
+
+def _frames_inside() -> int:
+    """Return how many of the calls that led to the caller are within this package."""
+    package, count = str(Path(__file__).parent), 0
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_code.co_filename.startswith(package):
+        frame, count = frame.f_back, count + 1
+    return count
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:

@@ -5,13 +5,16 @@ All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpo
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kennfeld.arrays import ArrayLike, Bool, Float, readonly
 from kennfeld.errors import ArgumentError, nearest
+from kennfeld.numeric import array
 
 __all__ = [
     "Axis",
@@ -72,7 +75,7 @@ class Axis:
             object.__setattr__(self, attribute, given)
         object.__setattr__(self, "min_distance", None if min_distance is None else float(min_distance))
         object.__setattr__(self, "range", None if range is None else (float(range[0]), float(range[1])))
-        points = readonly(np.atleast_1d(np.asarray(breakpoints, dtype=np.float64)))
+        points = readonly(np.atleast_1d(array(breakpoints, f"breakpoints of axis {self.label}")))
         if points.ndim != 1 or points.size == 0:
             raise ArgumentError(
                 f"breakpoints of axis {self.label} must be a list of numbers, not of shape {points.shape}"
@@ -175,8 +178,9 @@ class Parameter:
         if self.extrapolation not in ("clip", "linear"):
             raise ArgumentError(f"extrapolation={self.extrapolation!r} of {self.name} must be clip or linear")
         for side in ("lower", "upper"):
-            object.__setattr__(self, side, self._spread(side, np.float64))
-        object.__setattr__(self, "locked", self._spread("locked", np.bool_))
+            bounds = array(getattr(self, side), f"{side} bounds of {self.name}")
+            object.__setattr__(self, side, self._spread(side, bounds))
+        object.__setattr__(self, "locked", self._spread("locked", np.asarray(self.locked, dtype=np.bool_)))
         crossed = ~(self.lower <= self.upper)
         if crossed.any():
             at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
@@ -188,8 +192,7 @@ class Parameter:
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         return tuple(len(axis) for axis in self.axes)
 
-    def _spread(self, attribute: str, dtype: type[np.generic]) -> Any:
-        given = np.asarray(getattr(self, attribute), dtype=dtype)
+    def _spread(self, attribute: str, given: NDArray[Any]) -> Any:
         try:
             spread = np.broadcast_to(given, self.values.shape).copy()
         except ValueError:
@@ -225,14 +228,14 @@ class Parameter:
 
     def with_values(self, values: ArrayLike) -> Self:
         """The same parameter holding other values: an array of its shape, or a flat one in C order."""
-        array = np.asarray(values, dtype=np.float64)
-        if array.shape not in (self.values.shape, (self.size,)):
-            raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, not {array.shape}")
-        return self.changed(values=array.reshape(self.values.shape))
+        given = array(values, f"values of {self.name}")
+        if given.shape not in (self.values.shape, (self.size,)):
+            raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, not {given.shape}")
+        return self.changed(values=given.reshape(self.values.shape))
 
     def with_bounds(self, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> Self:
         """The same parameter within other bounds, each a number or an array of its shape."""
-        return self.changed(lower=np.asarray(lower, float), upper=np.asarray(upper, float))
+        return self.changed(lower=lower, upper=upper)
 
     def changed(self, **changes: Any) -> Self:
         """The same parameter with some of its attributes replaced."""
@@ -267,7 +270,7 @@ class Scalar(Parameter):
     kind: ClassVar[str] = "scalar"
 
     def __init__(self, name: str, value: ArrayLike, **attributes: Any) -> None:
-        super().__init__(name=name, values=np.asarray(value, dtype=np.float64), **attributes)
+        super().__init__(name=name, values=array(value, f"value of {name}"), **attributes)
 
     @property
     def value(self) -> float:
@@ -281,7 +284,7 @@ class Block(Parameter):
     kind: ClassVar[str] = "block"
 
     def __init__(self, name: str, values: ArrayLike, **attributes: Any) -> None:
-        super().__init__(name=name, values=np.asarray(values, dtype=np.float64), **attributes)
+        super().__init__(name=name, values=array(values, f"values of {name}"), **attributes)
 
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         if values.ndim == 0 or values.ndim > 4:
@@ -303,7 +306,7 @@ class Curve(Parameter):
     kind: ClassVar[str] = "curve"
 
     def __init__(self, name: str, x: Axis | ArrayLike, values: ArrayLike, **attributes: Any) -> None:
-        super().__init__(name=name, axes=(_axis(x),), values=np.asarray(values, dtype=np.float64), **attributes)
+        super().__init__(name=name, axes=(_axis(x),), values=array(values, f"values of {name}"), **attributes)
 
 
 class Map(Parameter):
@@ -314,9 +317,7 @@ class Map(Parameter):
     def __init__(
         self, name: str, x: Axis | ArrayLike, y: Axis | ArrayLike, values: ArrayLike, **attributes: Any
     ) -> None:
-        super().__init__(
-            name=name, axes=(_axis(x), _axis(y)), values=np.asarray(values, dtype=np.float64), **attributes
-        )
+        super().__init__(name=name, axes=(_axis(x), _axis(y)), values=array(values, f"values of {name}"), **attributes)
 
 
 class Cube(Parameter):
@@ -328,11 +329,11 @@ class Cube(Parameter):
         made = tuple(_axis(axis) for axis in axes)
         if len(made) not in (3, 4):
             raise ArgumentError(f"cube {name} needs 3 or 4 axes, not {len(made)}")
-        super().__init__(name=name, axes=made, values=np.asarray(values, dtype=np.float64), **attributes)
+        super().__init__(name=name, axes=made, values=array(values, f"values of {name}"), **attributes)
 
 
 def _axis(given: Axis | ArrayLike) -> Axis:
-    return given if isinstance(given, Axis) else Axis(np.asarray(given, dtype=np.float64))
+    return given if isinstance(given, Axis) else Axis(given)
 
 
 @dataclass(frozen=True)
@@ -373,7 +374,7 @@ def parameter(name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attribu
     if len(made) >= len(_KINDS):
         raise ArgumentError(f"{name} has {len(made)} axes; tables have at most 4")
     table = object.__new__(_KINDS[len(made)])
-    Parameter.__init__(table, name=name, values=np.asarray(values, dtype=np.float64), axes=made, **attributes)
+    Parameter.__init__(table, name=name, values=array(values, f"values of {name}"), axes=made, **attributes)
     return table
 
 
@@ -533,6 +534,8 @@ class ParameterSet(Mapping[str, Parameter]):
     def save(self, path: str | Path) -> None:
         """Write the set to a calibration file; the ending (`.dcm`, `.json`, ...) chooses the format."""
         if _writer is None:
+            import_module(_FORMATS)
+        if _writer is None:
             raise ArgumentError("no calibration format is registered")
         _writer(self, Path(path))
 
@@ -570,6 +573,7 @@ def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[
     return tuple(groups.values())
 
 
+_FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, which is late: reading and writing take time
 _writer: Callable[[ParameterSet, Path], object] | None = None
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import cache as caching
-from kennfeld.measurement import read
 from kennfeld.measurement.cache import Cache
+from kennfeld.measurement.reader import read_leniently
 
 TEXT = "time [s],Speed [rpm],Torque [Nm]\n0,1000,10\n0.1,1100,\n0.2,1200,12\n"
 
@@ -30,11 +30,11 @@ class Shelf:
         self.cache = Cache(self.folder)
         self.reads = 0
         self.write(TEXT)
-        monkeypatch.setattr(caching, "read", self._read)
+        monkeypatch.setattr(caching, "read_leniently", self._read)
 
     def _read(self, *arguments):
         self.reads += 1
-        return read(*arguments)
+        return read_leniently(*arguments)
 
     def write(self, text):
         self.file.write_text(text, encoding="utf-8")
@@ -219,11 +219,11 @@ def test_what_is_larger_than_the_folder_may_be_is_not_kept(kept):
 
 def test_a_file_that_changes_while_it_is_read_is_not_kept(kept):
     def changing(*arguments):
-        made = read(*arguments)
+        made = read_leniently(*arguments)
         kept.write(TEXT + "0.3,1300,13\n")
         return made
 
-    kept.patch.setattr(caching, "read", changing)
+    kept.patch.setattr(caching, "read_leniently", changing)
     kept.speed()
     assert kept.entries == []
 

@@ -94,3 +94,66 @@ def test_a_raster_without_time_is_a_finding(csv):
 def test_an_impossible_raster_is_refused(csv, raster):
     with pytest.raises(ArgumentError, match="must be a time in seconds above 0"):
         read(csv("time,b\n1,2\n"), raster=raster)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60), ("h", 3600), ("s", 1)]
+)
+def test_the_caller_may_state_the_unit_of_the_time(csv, unit, factor):
+    for head in ("Time", "Time [s]", "time_s"):
+        name = head.split()[0]
+        data = read(csv(f"{head},a\n0,5\n3,6\n"), units={name: unit})
+        np.testing.assert_allclose(data.time, [0, 3 * factor])
+        assert data.clock.name == name
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "min", "h"])
+def test_a_row_of_units_says_in_which_unit_the_time_is(csv, unit):
+    stated = read(csv("Time,a\n0,5\n3,6\n"), units={"Time": unit}).time
+    np.testing.assert_array_equal(read(csv(f"Time,a\n{unit},-\n0,5\n3,6\n")).time, stated)
+
+
+def test_a_stated_unit_makes_a_column_of_another_name_the_time(csv):
+    assert read(csv("Counter,a\n0,5\n10,6\n"), units={"Counter": "ms"}).time.tolist() == [0, 0.01]
+
+
+def test_the_unit_of_a_channel_may_be_stated_too(csv):
+    data = read(csv("time [s],a [Nm]\n0,5\n3,6\n"), units={"a": "kNm"})
+    assert (data["a"].unit, data["a"].values.tolist()) == ("kNm", [5, 6])
+
+
+def test_a_unit_for_a_column_that_is_not_there_is_told(csv):
+    with pytest.raises(InputError, match=r"has no column Tim. Did you mean Time\?"):
+        read(csv("Time,a\n0,5\n3,6\n"), units={"Tim": "ms"})
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "expected"),
+    [
+        ("Time", (0, 10, 20), True),
+        ("Time [-]", (0, 10, 20), True),
+        ("Time", (0, 1000, 1500), True),
+        ("Time", (0, 5, 10), False),
+        ("Time", (0, 10.5, 20), False),
+        ("Time", (0, 0.01, 0.02), False),
+        ("Time [s]", (0, 10, 20), False),
+        ("Time_s", (0, 10, 20), False),
+        ("Time [ms]", (0, 10, 20), False),
+    ],
+)
+def test_whole_numbers_far_apart_without_a_unit_look_like_milliseconds(csv, head, cells, expected):
+    rows = "".join(f"{cell},{at}\n" for at, cell in enumerate(cells))
+    assert read(csv(f"{head},a\n{rows}")).clock.in_milliseconds is expected
+
+
+def test_dates_are_in_seconds(csv):
+    data = read(csv("when,a\n2026-01-01 00:00:00,1\n2026-01-01 00:01:00,2\n2026-01-01 00:02:00,4\n"))
+    assert data.time.tolist() == [0, 60, 120]
+    assert data.clock.in_milliseconds is False
+
+
+def test_a_raster_that_is_absurd_in_seconds_names_the_unit(csv):
+    rows = "".join(f"{100 * at},{at % 7}\n" for at in range(2000))
+    with pytest.raises(InputError) as error:
+        read(csv(f"Time,a\n{rows}"), raster=0.05)
+    assert 'the time stamps look like milliseconds. If they are, write [units] Time = "ms"' in str(error.value)

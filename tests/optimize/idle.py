@@ -4,6 +4,7 @@ Each function gives data, model and start. The set value steps from 1980 to 2970
 20 Nm between 2 s and 8 s.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,8 @@ def gains(kp=0.0, kI=0.0, most=1.0):
 
 def by_crank_angle(step=1e-3):
     """The governor acts each 180 degrees: the cost has steps of about 1 %."""
-    return recording(step), kf.formula((FOLDER / "idle.kf").read_text("utf-8")), gains()
+    model = kf.formula((FOLDER / "idle.kf").read_text("utf-8"))
+    return recording(step), replace(model, step=step), gains()
 
 
 def mean_value():

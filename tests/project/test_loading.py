@@ -264,7 +264,7 @@ def test_a_finer_model_step_makes_samples_between_the_data(shop):
 def test_a_model_step_that_does_not_divide_the_data_is_a_finding(shop):
     timed(shop)
     shop.text = "step 0.03\n" + shop.text + "Late = PT1(Predict, 1)\n"
-    assert "[[dataset]] 1: the data's step of 0.1 s is no whole multiple of the model's step" in shop.error()
+    assert "[[dataset]] 1: the data's step of 0.1 s is not a whole multiple of the model's step" in shop.error()
 
 
 def test_the_step_of_a_model_without_memory_does_not_matter(shop):

@@ -59,6 +59,31 @@ def test_a_project_file_cut_in_half_says_so(shop):
     assert "kennfeld.toml line 8" in shop.error()
 
 
+@pytest.mark.parametrize(
+    ("added", "told"),
+    [
+        (
+            '[model]\nfile = "b.kf"',
+            "line 17: there is a section [model] already; it begins in line 1. Merge the two sections.",
+        ),
+        (
+            "[dataset]\nname = 'a'",
+            "line 17: there is a section [dataset] already; it begins in line 7. "
+            "Merge the two sections. Several of them begin with [[dataset]] each.",
+        ),
+        (
+            "[parameters.Gain]\nfree = true\n[ parameters . Gain ]\nunit = 'Nm'",
+            "line 19: there is a section [parameters.Gain] already; it begins in line 17. Merge the two sections.",
+        ),
+        ("[units]\nn = 'rpm'\nn = 'rpm'", "line 19: n has a value already. Remove one of them."),
+        ("[units]\nn = 'rpm'\nn = 'rpm'\n[optimizer]\nseed = 1", "line 19: n has a value already. Remove one of them."),
+        ("[parameters.Gain]\nx = { count = 3, count = 4 }", "line 18: count has a value already. Remove one of them."),
+    ],
+)
+def test_what_stands_twice_is_told_in_words(shop, added, told):
+    assert shop.add(added).error() == f"kennfeld.toml {told}"
+
+
 def test_windows_paths_in_double_quotes_get_a_hint(shop):
     shop.change('"bench.csv"', r'"data\Users\bench.csv"')
     assert "Write paths with / or in single quotes" in shop.error()

@@ -73,7 +73,7 @@ def test_weights_that_are_all_zero_are_an_error(shop):
 
 def test_weights_in_test_data_are_not_needed(shop):
     weighted(shop)
-    shop.bench("fresh.csv")
+    shop.bench("fresh.csv", speed=(1100, 1600, 2100, 2600, 2900, 1300))
     shop.add("[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'")
     assert shop.warnings() == []
 

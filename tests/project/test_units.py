@@ -153,3 +153,69 @@ def test_an_input_counts_before_a_target(shop):
     shop.change('target = "Torque"', 'target = "n"')
     assert data(shop)["n"].unit == "rpm"
     assert "the node Predict of the function in rad/s" in shop.warning()
+
+
+LAG = np.where(np.arange(60) < 3, 0.0, 1 - 0.9 ** (np.arange(60) - 2.0))  # PT1 of T = 0.9 s at steps of 0.1 s
+
+
+def lagging(shop, head="Time", factor=1000, **columns):
+    """A project on a PT1 of 0.9 s, its time in milliseconds."""
+    shop.text = "y = PT1(u, T, 0)\n"
+    shop.toml = (
+        '[model]\nfile = "sensor.kf"\n[[dataset]]\nfiles = ["drive.csv"]\n[[criterion]]\nnode = "y"\ntarget = "z"\n'
+        "[parameters.T]\ninitial = 0.5\n"
+    )
+    time = np.round(0.1 * factor * np.arange(60), 12)
+    shop.csv("drive.csv", {head: time, "u": (np.arange(60) >= 3).astype(float), "z": LAG, **columns})
+    return shop
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("min", 1 / 60), ("h", 1 / 3600)])
+def test_the_unit_of_the_time_may_be_stated(shop, unit, factor):
+    found = lagging(shop, factor=factor).add(f'[units]\nTime = "{unit}"')
+    assert found.findings() == []
+    assert found.project.calibrate().parameters["T"].value == pytest.approx(0.9, rel=1e-6)
+
+
+def test_a_unit_of_time_in_the_file_gives_the_right_time_constant(shop):
+    found = lagging(shop, "Time [ms]")
+    assert found.findings() == []
+    assert found.project.calibrate().parameters["T"].value == pytest.approx(0.9, rel=1e-6)
+
+
+def test_time_that_looks_like_milliseconds_is_a_warning(shop):
+    what = "the time stamps look like milliseconds: Time has no unit and is taken as s, and its steps are long"
+    mend = 'If they are, write [units] Time = "ms", else "s"; in Python kennfeld.read(..., units={"Time": "ms"}).'
+    assert f"kennfeld.toml [[dataset]] 1 (drive): {what}. {mend}" in lagging(shop).warnings()
+    assert lagging(shop).add('[units]\nTime = "s"').findings() == []
+
+
+def test_the_unit_of_the_time_matters_little_to_a_function_without_memory(shop):
+    lagging(shop).text = "y = T * u\n"
+    assert not [warning for warning in shop.warnings() if "milliseconds" in warning]
+
+
+def test_the_unit_of_the_time_may_differ_from_file_to_file(shop):
+    lagging(shop).csv("second.csv", {"time [s]": [0, 0.1], "u": [0, 1], "z": [0, 0.1]})
+    shop.change('"drive.csv"', '"drive.csv", "second.csv"').add('[units]\nTime = "ms"')
+    assert shop.findings() == []
+    assert shop.project.problem().datasets[0].time[[1, -1]].tolist() == [0.1, 0.1]
+
+
+def test_the_unit_of_the_time_counts_for_a_raster_and_survives_the_cache(shop):
+    lagging(shop).change('files = ["drive.csv"]', 'files = ["drive.csv"]\nraster = 0.2').add('[units]\nTime = "ms"')
+    for _ in range(2):
+        assert shop.project.problem().datasets[0].samples == 30
+
+
+def test_a_time_cannot_be_in_another_quantity(shop):
+    error = lagging(shop).add('[units]\nTime = "rpm"').error()
+    assert (
+        error
+        == "kennfeld.toml [units] Time: rpm is not a unit of time, and Time is the time. Write s, ms, us, ns, min or h."
+    )
+
+
+def test_a_misspelt_name_of_the_time_is_told(shop):
+    error = lagging(shop).add('[units]\nTim = "ms"').error()
+    assert error == "kennfeld.toml [units] Tim: nothing uses a channel Tim. Did you mean Time?"

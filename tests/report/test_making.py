@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from report_projects import limited
+from report_projects import limited, scattered
 
 from kennfeld import InputError
 from kennfeld.project import Project
@@ -47,6 +47,25 @@ def test_the_report_of_a_folder_equals_the_one_of_the_run(project, tmp_path, ope
         if one["kind"] == "parameter":
             assert (one["name"], one["after"], one["before"]) == (other["name"], other["after"], other["before"])
     assert (tmp_path / "results" / "report.html").read_text(encoding="utf-8") == direct.text
+
+
+def test_a_report_calls_data_unseen_only_if_they_are(shop, opened):
+    toml, (one, other) = "[parameters.a]\ninitial = 0\n", (scattered(100, seed) for seed in (0, 1))
+    for test, unseen in ((other, True), (one, False)):
+        project = shop.project("y = a * x\n", toml, one, test=test)
+        words = opened(document(project, project.calibrate(), project.check())).words_in_a_row
+        assert ("On data that the fit has not seen" in words) is unseen
+        assert ("what was learnt holds beyond the data" in words) is unseen
+        assert ("On test data, some of which the fit has seen" in words) is not unseen
+        assert ("the test file fresh.csv has the same content as the training file bench.csv" in words) is not unseen
+
+
+def test_a_report_says_that_a_constant_target_has_no_r2(shop, opened):
+    flat = scattered(100, 1) | {"m": np.full(100, 0.1)}
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", scattered(100), test=flat)
+    for result in (None, project.calibrate()):
+        words = opened(document(project, result)).words
+        assert words.count("constant target") == (1 if result is None else 2)
 
 
 def test_the_report_of_a_folder_shows_the_shifts_that_the_run_found(shop, tmp_path, opened):

@@ -14,6 +14,7 @@ from kennfeld.analysis.series import Evaluator, Series
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
 from kennfeld.optimize import Problem
+from kennfeld.optimize.quality import spread
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Errors", "Residuals", "Summary", "WorstSample", "residuals"]
@@ -219,9 +220,9 @@ def _median(values: Float) -> float:
 
 def _r2(series: Series, error: Float) -> float:
     measured = series.measured[series.scored]
-    spread = float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0
+    variation = spread(measured)
     whole = error.size == measured.size
-    return 1.0 - float(np.sum(error**2)) / spread if spread > 0 and whole else float("nan")
+    return 1.0 - float(np.sum(error**2)) / variation if variation > 0 and whole else float("nan")
 
 
 def _memory(series: Series) -> Autocorrelation | None:

@@ -50,8 +50,14 @@ def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _round(x: Any) -> Any:
+    """The nearest whole number; halves go away from zero."""
     whole = np.trunc(x)
     return np.where(np.abs(x - whole) >= 0.5, whole + np.copysign(1.0, x), whole)
+
+
+def _mod(a: Any, b: Any) -> Any:
+    """The remainder with the sign of the divisor; the number itself where that is zero."""
+    return np.where(b == 0, a, a - np.floor(a / b) * b)
 
 
 def _guard(a: Any, b: Any) -> Any:
@@ -133,7 +139,7 @@ OPERATIONS: dict[str, Operation] = {
     "pow": Operation(2, _quiet(np.power), (_power_base, _power_exponent)),
     "mod": Operation(
         2,
-        _quiet(lambda a, b: np.where(b == 0, a, a - np.floor(a / b) * b)),
+        _quiet(_mod),
         (_one, lambda w, args, y: w.call("neg", w.call("floor", w.call("div", *args)))),
     ),
     "atan2": Operation(

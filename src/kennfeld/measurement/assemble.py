@@ -1,6 +1,7 @@
 """From the table of a file to a dataset, with every finding at once."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.cells import shown
 from kennfeld.measurement.columns import Column, Selection, Table, capped, text_findings
 from kennfeld.measurement.raster import grid, resample_all, samples_on
-from kennfeld.measurement.timing import find_time, merge, pieces, seconds, time_findings
+from kennfeld.measurement.timing import clock_of, find_time, merge, pieces, seconds, time_findings, unit_remedy
 
 __all__ = ["assemble", "checked", "frozen"]
 
@@ -24,7 +25,8 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
         return Dataset(name, tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels))
     stamps = seconds(time)
     parts = [_piece(name, stamps[k], channels, k, raster) for k in pieces(table, stamps)]
-    return parts[0] if len(parts) == 1 else concatenate(name, parts)
+    whole = parts[0] if len(parts) == 1 else concatenate(name, parts)
+    return replace(whole, clock=clock_of(time))
 
 
 def _piece(name: str, time: Float, channels: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
@@ -123,7 +125,11 @@ def _time(table: Table, column: Column, raster: float | None, channels: int) -> 
         return []
     widest = int(np.argmax(np.diff(time))) + 1
     what = f"raster={raster:g} s would make {points:.3g} samples of {time.size}; the longest gap ends here"
-    return [Finding(table.at(widest, column), what, "Choose a coarser raster, or correct the time stamp.")]
+    mend = "Choose a coarser raster, or correct the time stamp."
+    if clock_of(column).in_milliseconds:
+        what += "; the time stamps look like milliseconds"
+        mend = unit_remedy(column.name)
+    return [Finding(table.at(widest, column), what, mend)]
 
 
 def _no_time(table: Table, raster: float) -> Finding:

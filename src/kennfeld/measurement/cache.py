@@ -10,7 +10,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.util import find_spec
@@ -19,7 +19,7 @@ from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.measurement.entry import packed, unpacked
-from kennfeld.measurement.reader import read
+from kennfeld.measurement.reader import read_leniently
 from kennfeld.measurement.sniff import Kind, Source, locate
 from kennfeld.whole_files import write_whole
 
@@ -59,17 +59,25 @@ class Cache:
     folder: Path
     most: int = _MOST
 
-    def read(self, path: str | Path, channels: Sequence[str] | None = None, raster: float | None = None) -> Dataset:
-        """The same as `kennfeld.measurement.read`, and raises the same; from the folder where it holds it."""
+    def read(
+        self,
+        path: str | Path,
+        channels: Sequence[str] | None = None,
+        raster: float | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+    ) -> Dataset:
+        """The same as `read_leniently`, and raises the same; from the folder where it holds it."""
         source = locate(path)
-        known = self._found(source, channels, raster)
+        key = _key(source, channels, raster, units)
+        known = self._found(source, key)
         if known is not None:
             return known
         before, began = source.path.stat(), time.perf_counter()
-        made = read(path, channels, raster)
+        made = read_leniently(path, channels, raster, units or {})
         if time.perf_counter() - began >= _WORTH.get(source.kind, _WORTH_ELSE):
             with contextlib.suppress(*_ERRORS):
-                self._keep(source, before, _key(source, channels, raster), made)
+                self._keep(source, before, key, made)
         return made
 
     def failed(self, path: str | Path, channels: Sequence[str] | None, raster: float | None) -> list[str] | None:
@@ -91,12 +99,12 @@ class Cache:
             seen = self._seen(source) or _looked_at(source.path)
             self._note(source, seen, {**seen.failed, _key(source, channels, raster): list(names)})
 
-    def _found(self, source: Source, channels: Sequence[str] | None, raster: float | None) -> Dataset | None:
+    def _found(self, source: Source, key: str) -> Dataset | None:
         with contextlib.suppress(*_ERRORS):
             seen = self._seen(source)
             if seen is None:
                 return None
-            for entry in self.folder.glob(f"{seen.content}-{_key(source, channels, raster)}-*.parquet"):
+            for entry in self.folder.glob(f"{seen.content}-{key}-*.parquet"):
                 made = _read_entry(entry, source.stem)
                 if made is not None:
                     return made
@@ -205,11 +213,13 @@ def _word(text: str) -> str:
     return text
 
 
-def _key(source: Source, channels: Sequence[str] | None, raster: float | None) -> str:
+def _key(
+    source: Source, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str] | None = None
+) -> str:
     """What is read of a file, and by which reader."""
     asked = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
-    said = [_readers(), source.kind.value, source.sheet, asked, step]
+    said = [_readers(), source.kind.value, source.sheet, asked, step, sorted((units or {}).items())]
     return _hash(json.dumps(said).encode())
 
 

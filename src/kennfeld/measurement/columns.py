@@ -1,7 +1,7 @@
 """A table as a reader leaves it: named columns of numbers, and where each sample stands in the file."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,9 +20,10 @@ _FINDINGS = 20  # findings of one sort, a file
 
 @dataclass(frozen=True)
 class Selection:
-    """The channels that are asked for; None asks for all."""
+    """The channels that are asked for; None asks for all. `units` are those that the caller states for columns."""
 
     channels: tuple[str, ...] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def wants(self, header: Header) -> list[int]:
         """The columns to read: the channels asked for and whatever may be time."""
@@ -30,7 +31,8 @@ class Selection:
         if self.channels is None:
             return named
         asked = set(self.channels)
-        return [i for i in named if header.names[i] in asked or may_be_time(header.names[i], header.units[i])]
+        units = [self.units.get(name, unit) for name, unit in zip(header.names, header.units, strict=True)]
+        return [i for i in named if header.names[i] in asked or may_be_time(header.names[i], units[i])]
 
     def includes(self, name: str) -> bool:
         """Whether this channel belongs in the dataset."""
@@ -70,6 +72,17 @@ class Table:
     details: tuple[tuple[str, str], ...] = field(default=())
     clock: Column | None = None  # the time, where the format itself says which column it is
     restarts: bool = False  # whether time that falls begins a new piece, as in a log that goes on after a restart
+
+    def with_units(self, units: Mapping[str, str]) -> "Table":
+        """Return the table with the units that the caller states for columns; dates stay what they are."""
+
+        def stated(column: Column) -> Column:
+            unit = units.get(column.name)
+            return column if unit is None or column.dated else replace(column, unit=unit)
+
+        clock = None if self.clock is None else stated(self.clock)
+        columns = tuple(clock if c is self.clock and clock is not None else stated(c) for c in self.columns)
+        return replace(self, columns=columns, clock=clock)
 
     def at(self, sample: int, *columns: Column) -> str:
         """Where a cell stands: `bench.csv line 17, column Torque`."""

@@ -1,18 +1,18 @@
 """A recording as the bytes of a Parquet file that gives back every bit of it."""
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import Channel, Clock, Dataset
 
 __all__ = ["packed", "unpacked"]
 
 _NOTES = b"kennfeld"
-_KEPT = ("name", "channels", "time", "starts")  # what is written of a dataset
+_KEPT = ("name", "channels", "time", "starts", "clock")  # what is written of a dataset
 
 
 def packed(dataset: Dataset) -> bytes | None:
@@ -32,6 +32,7 @@ def packed(dataset: Dataset) -> bytes | None:
         "channels": [[c.name, c.unit, c.description] for c in dataset.channels],
         "time": dataset.time is not None,
         "starts": dataset.starts.tolist(),
+        "clock": None if dataset.clock is None else asdict(dataset.clock),
     }
     table = pa.table(
         [pa.array(np.ascontiguousarray(values)) for values in columns],
@@ -67,7 +68,8 @@ def unpacked(content: bytes, name: str) -> Dataset | None:
             Channel(label, values, unit, description)
             for (label, unit, description), values in zip(notes["channels"], columns, strict=True)
         )
-        return Dataset(name, channels, time, np.array(notes["starts"], dtype=np.int64))
+        clock = None if notes["clock"] is None else Clock(**notes["clock"])
+        return Dataset(name, channels, time, np.array(notes["starts"], dtype=np.int64), clock=clock)
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.assemble import assemble, checked, frozen
 from kennfeld.measurement.columns import Column, Selection, Table
 from kennfeld.measurement.raster import grid, resample_all
-from kennfeld.measurement.timing import SAME, merge, seconds
+from kennfeld.measurement.timing import SAME, clock_of, merge, seconds
 
 __all__ = ["join"]
 
-_Group = tuple[Table, Float, list[Column], list[Float]]  # stamps, channels and their values
+_Group = tuple[Table, Float, list[Column], list[Float], Clock]  # stamps, channels and their values, where time stands
 
 
 def join(place: str, tables: Sequence[Table], name: str, selection: Selection, raster: float | None = None) -> Dataset:
@@ -35,10 +35,11 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
     if raster is not None:
         stamps = _shared(place, groups, raster)
     channels: list[Channel] = []
-    for _, time, columns, values in groups:
+    for _, time, columns, values, _ in groups:
         found = values if raster is None else resample_all(time, values, stamps, [c.held for c in columns])
         channels += [Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)]
-    return Dataset(name, tuple(channels), frozen(stamps))
+    doubtful = [group[4] for group in groups if group[4].in_milliseconds]
+    return Dataset(name, tuple(channels), frozen(stamps), clock=(doubtful or [groups[0][4]])[0])
 
 
 def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[Finding]:
@@ -69,7 +70,7 @@ def _groups(tables: Sequence[Table], selection: Selection, raster: float | None)
             what = "has no time stamps, so that its channels do not join those of other groups"
             found.append(Finding(table.place, what, "Read them by themselves."))
         else:
-            groups.append((table, *_merged(time, columns)))
+            groups.append((table, *_merged(time, columns), clock_of(time)))
     if found:
         raise InputError(found)
     return groups
@@ -91,25 +92,25 @@ def _step(stamps: Float) -> float:
 def _rasters(groups: Sequence[_Group]) -> str:
     said = [
         f"{columns[0].name} {f'every {_step(stamps):.3g} s' if stamps.size > 1 else 'once'} from {stamps[0]:.6g} s"
-        for _, stamps, columns, _ in groups
+        for _, stamps, columns, *_ in groups
         if columns
     ]
     return ", ".join(said[:4]) + (f" and {len(said) - 4} more" if len(said) > 4 else "")
 
 
 def _raster_mend(groups: Sequence[_Group]) -> str:
-    finest = min(_step(stamps) for _, stamps, _, _ in groups)
+    finest = min(_step(group[1]) for group in groups)
     return f"Give a raster in s, such as raster = {finest if np.isfinite(finest) else 0.1:.3g}."
 
 
 def _shared(place: str, groups: Sequence[_Group], raster: float) -> Float:
     """The even raster over the time that all groups cover."""
-    begin = max(float(stamps[0]) for _, stamps, _, _ in groups)
-    end = min(float(stamps[-1]) for _, stamps, _, _ in groups)
+    begin = max(float(group[1][0]) for group in groups)
+    end = min(float(group[1][-1]) for group in groups)
     if end < begin:
-        ranges = [f"{c[0].name} from {s[0]:.6g} s to {s[-1]:.6g} s" for _, s, c, _ in groups if c]
+        ranges = [f"{c[0].name} from {s[0]:.6g} s to {s[-1]:.6g} s" for _, s, c, *_ in groups if c]
         listed = ", ".join(ranges[:4]) + (f" and {len(ranges) - 4} more" if len(ranges) > 4 else "")
         raise InputError.of(place, f"the channels share no time: {listed}", "Leave one of them out.")
-    densest = min((stamps for _, stamps, _, _ in groups), key=_step)
+    densest = min((group[1] for group in groups), key=_step)
     within = densest[(densest >= begin - SAME) & (densest <= end + SAME)]
     return grid(np.array([within[0] if within.size else begin, end]), raster)

@@ -2,13 +2,13 @@
 
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.measurement.assemble import assemble
 from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
@@ -16,7 +16,7 @@ from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, locate
 from kennfeld.measurement.timelines import timelines
 
-__all__ = ["describe", "read"]
+__all__ = ["describe", "read", "read_leniently"]
 
 # a format more is a module more: one that offers read_tables(source, selection)
 _READERS = {
@@ -42,6 +42,7 @@ def read(
     raster: float | None = None,
     *,
     sheet: str | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Dataset:
     """The measurement in a file: CSV, Excel, Parquet, MDF, MATLAB or a log of a tuning tool, told by its content.
 
@@ -55,6 +56,8 @@ def read(
         raster: s; puts the samples onto an even raster, linearly between valid samples
             (channels with a few whole-numbered levels are held), without extrapolation.
         sheet: the sheet of a workbook.
+        units: units of columns for which the file has none or a wrong one. That of the time column, such as `ms`,
+            turns it into seconds; numbers of other columns stay.
 
     Raises `InputError` with all that is wrong in the file, `ArgumentError` for an unusable raster.
 
@@ -64,15 +67,44 @@ def read(
         raise ArgumentError(f"raster={raster} must be a time in seconds above 0")
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
-    source = _located(path, sheet)
-    selection = Selection(None if channels is None else tuple(dict.fromkeys(channels)))
-    tables = _tables(source, selection)
+    return _read(_located(path, sheet), _selection(channels, units), raster, strict=True)
+
+
+def read_leniently(
+    path: str | Path, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str]
+) -> Dataset:
+    """The same as `read`; units for columns that the file does not have are passed over, since others may have them."""
+    return _read(_located(path, None), _selection(channels, units), raster, strict=False)
+
+
+def _selection(channels: Sequence[str] | None, units: Mapping[str, str] | None) -> Selection:
+    return Selection(None if channels is None else tuple(dict.fromkeys(channels)), dict(units or {}))
+
+
+def _read(source: Source, selection: Selection, raster: float | None, *, strict: bool) -> Dataset:
+    tables = [table.with_units(selection.units) for table in _tables(source, selection)]
+    if strict:
+        _check_stated(source, tables, selection)
     if source.kind in _RASTERS:
         return join(source.name, tables, source.stem, selection, raster)
     parts = timelines(_only(source, tables), selection)
     if len(parts) > 1:
         return join(source.name, parts, source.stem, selection, raster)
     return assemble(parts[0], source.stem, selection, raster)
+
+
+def _check_stated(source: Source, tables: Sequence[Table], selection: Selection) -> None:
+    """Refuse units for columns that are not there."""
+    names = dict.fromkeys(name for table in tables for name in [*table.names, *_clock_name(table)] if name)
+    missing = [name for name in selection.units if name not in names]
+    if missing:
+        raise InputError(
+            Finding(f"{source.name} units", f"has no column {name}", nearest(name, names)) for name in missing
+        )
+
+
+def _clock_name(table: Table) -> list[str]:
+    return [] if table.clock is None else [table.clock.name]
 
 
 def describe(path: str | Path) -> Description:

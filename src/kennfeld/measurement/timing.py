@@ -6,12 +6,14 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.dataset import Clock
 from kennfeld.errors import Finding
 from kennfeld.measurement.columns import Column, Table, capped
-from kennfeld.measurement.units import in_seconds, plain_unit, time_unit
+from kennfeld.measurement.units import in_seconds, plain_unit, states_unit_of_time, time_unit
 
-__all__ = ["SAME", "find_time", "merge", "pieces", "seconds", "time_findings"]
+__all__ = ["SAME", "clock_of", "find_time", "merge", "pieces", "seconds", "time_findings", "unit_remedy"]
 
+LONG = 5.0  # s; recordings of a function in time have shorter steps, and milliseconds have longer ones
 SAME = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
 
 
@@ -65,6 +67,27 @@ def seconds(column: Column) -> Float:
             return np.asarray(np.round(column.values - (known[0] if known.size else 0.0), 9))
         elapsed: Float = column.values * factor / divisor
     return elapsed
+
+
+def clock_of(column: Column) -> Clock:
+    """Return what is known of a time column: whole numbers without a unit that are far apart look like milliseconds.
+
+    >>> clock_of(Column("Time", "", "Time", np.array([0.0, 10.0, 20.0])))
+    Clock(name='Time', in_milliseconds=True)
+    """
+    if column.dated or states_unit_of_time(column.name, column.unit):
+        return Clock(column.name)
+    known = column.values[np.isfinite(column.values)]
+    steps = np.diff(known)
+    far = steps.size > 0 and float(np.median(steps)) > LONG
+    return Clock(column.name, far and bool(np.all(known == np.round(known))))
+
+
+def unit_remedy(name: str) -> str:
+    """Return how the unit of a time column is stated, for one that looks like milliseconds."""
+    return (
+        f'If they are, write [units] {name} = "ms", else "s"; in Python kennfeld.read(..., units={{"{name}": "ms"}}).'
+    )
 
 
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:

@@ -2,7 +2,16 @@
 
 import re
 
-__all__ = ["in_seconds", "is_clock", "looks_like_unit", "may_be_time", "plain_unit", "split_name", "time_unit"]
+__all__ = [
+    "in_seconds",
+    "is_clock",
+    "looks_like_unit",
+    "may_be_time",
+    "plain_unit",
+    "split_name",
+    "states_unit_of_time",
+    "time_unit",
+]
 
 _WORDS = """
 s sec secs second seconds sek ms msec us µs μs usec ns min h hr d day
@@ -91,6 +100,16 @@ def time_unit(name: str, unit: str) -> str | None:
         return None
     given = unit if plain_unit(unit) not in ("", "-") else (found[1] or "s")
     return None if in_seconds(given) is None else given
+
+
+def states_unit_of_time(name: str, unit: str) -> bool:
+    """Return whether a column of time says in which unit it is, itself or in its name.
+
+    >>> states_unit_of_time("time_ms", ""), states_unit_of_time("time", "-")
+    (True, False)
+    """
+    found = _TIME_NAME.fullmatch(name.strip().casefold())
+    return plain_unit(unit) not in ("", "-") or bool(found and found[1])
 
 
 def may_be_time(name: str, unit: str) -> bool:

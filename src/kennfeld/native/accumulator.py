@@ -13,6 +13,7 @@ from itertools import groupby
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.errors import ArgumentError
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.workspace import Workspace
@@ -47,6 +48,7 @@ class Accumulator:
     def __init__(
         self, kernel: Kernel, samples: Samples, widths: Float | None = None, *, sparse: bool | None = None
     ) -> None:
+        _check(kernel, samples)
         self.kernel = kernel
         self.samples = samples
         self.widths = (
@@ -237,6 +239,16 @@ class Accumulator:
             both = np.union1d(before, met)
             before = both[both // columns == both[-1] // columns] if met.size else before
         return found
+
+
+def _check(kernel: Kernel, samples: Samples) -> None:
+    """Refuse samples that the kernel would read beyond their rows."""
+    for what, rows, needed in (
+        ("inputs", samples.inputs, len(kernel.layout.inputs)),
+        ("targets", samples.wanted, len(kernel.outputs)),
+    ):
+        if len(rows.parts) != needed:
+            raise ArgumentError(f"{len(rows.parts)} rows of {what} for a kernel with {needed}")
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

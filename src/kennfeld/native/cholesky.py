@@ -12,6 +12,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, aligned
+from kennfeld.native.addresses import INT64, address, is_strided, strided
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
 from kennfeld.native.ir import EIGHT, LANES, Function, literal
@@ -55,36 +56,38 @@ class Factor:
         """
         envelope = Envelope.full(which.size)
         made = cls(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
-        replace(made, envelope=Envelope(which, envelope.first)).load(matrix, np.ascontiguousarray(diagonal))
+        replace(made, envelope=Envelope(which, envelope.first)).load(matrix, diagonal)
         return made if made.factor() else None
 
     def load(self, matrix: Float, diagonal: Float) -> bool:
         """Take the lower triangle of matrix + diag(diagonal); whether all its non-zeros lie in the envelope."""
         counts = np.zeros(2, dtype=np.int64)
-        if matrix.strides[1] != matrix.itemsize:
-            matrix = np.ascontiguousarray(matrix)
-        given = (matrix.ctypes.data, matrix.strides[0] // matrix.itemsize, diagonal.ctypes.data)
-        order = (self.envelope.order.ctypes.data, self.envelope.size)
-        _functions()["load"](*self.pointers, *given, *order, counts.ctypes.data)
+        size = self.envelope.size
+        if not is_strided(matrix):
+            matrix = np.require(matrix, np.float64, ["C", "A"])
+        diagonal = np.require(diagonal, np.float64, ["C", "A"])
+        given = (*strided(matrix, size), address(diagonal, size))
+        order = (address(self.envelope.order, size, INT64), size)
+        _functions()["load"](*self.pointers, *given, *order, address(counts, 2, INT64))
         return bool(counts[0] == counts[1])
 
     def factor(self) -> bool:
         """Replace what was loaded by its factor; whether it is positive definite."""
         failed = np.zeros(1, dtype=np.int64)
-        _functions()["factor"](*self.pointers, failed.ctypes.data)
+        _functions()["factor"](*self.pointers, address(failed, 1, INT64))
         return not failed[0]
 
     def solve_lower(self, right: Float) -> Float:
         """X of L x = P b for each row b of `right`, a vector or (rows, size); x is padded to whole blocks."""
         rows = np.zeros((*right.shape[:-1], self.inverse.size))
         rows[..., : self.envelope.size] = right[..., self.envelope.order]
-        _functions()["forward"](*self.pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
+        _functions()["forward"](*self.pointers, address(rows), rows.size // max(self.inverse.size, 1))
         return rows
 
     def solve_upper(self, right: Float) -> Float:
         """X of L' P x = b for each row b of `right`, of the shape that `solve_lower` returns."""
         rows = np.array(right, dtype=np.float64, order="C")
-        _functions()["backward"](*self.pointers, rows.ctypes.data, rows.size // max(self.inverse.size, 1))
+        _functions()["backward"](*self.pointers, address(rows), rows.size // max(self.inverse.size, 1))
         solved = np.empty((*rows.shape[:-1], self.envelope.size))
         solved[..., self.envelope.order] = rows[..., : self.envelope.size]
         return solved
@@ -96,9 +99,10 @@ class Factor:
     @cached_property
     def pointers(self) -> tuple[int, ...]:
         """What generated code takes as `panels.FACTOR`."""
-        start, first = self.envelope.start, self.envelope.first
-        arrays = (self.panels, start, first, self.inverse)
-        return (*(array.ctypes.data for array in arrays), self.envelope.blocks)
+        start, first, blocks = self.envelope.start, self.envelope.first, self.envelope.blocks
+        panels = address(self.panels, int(start[-1]))
+        places = (address(start, blocks + 1, INT64), address(first, blocks, INT64))
+        return (panels, *places, address(self.inverse, blocks * BLOCK), blocks)
 
 
 def _empty(envelope: Envelope) -> Float:
@@ -141,7 +145,6 @@ class Cholesky:
         >>> factor.solve(np.array([6.0, 4.0]))
         array([1., 1.])
         """
-        diagonal = np.ascontiguousarray(diagonal)
         if not self._factor.load(matrix, diagonal):
             filled = matrix != 0
             self._pattern |= filled | filled.T  # rounding may leave a zero in one half alone

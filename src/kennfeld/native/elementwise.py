@@ -33,6 +33,7 @@ def _extreme(comparison: str) -> Callable[..., str]:
 
 
 def _mod(f: Function, a: str, b: str) -> str:
+    """The remainder with the sign of the divisor; the number itself where that is zero."""
     whole = f.new(f"call double @llvm.floor.f64(double {f.new(f'fdiv double {a}, {b}')})")
     rest = f.new(f"fsub double {a}, {f.new(f'fmul double {whole}, {b}')}")
     return f.select(f.new(f"fcmp oeq double {b}, {ZERO}"), a, rest)
@@ -49,6 +50,7 @@ def _abs(f: Function, x: str) -> str:
 
 
 def _round(f: Function, x: str) -> str:
+    """The nearest whole number; halves go away from zero."""
     whole = f.new(f"call double @llvm.trunc.f64(double {x})")
     rest = f.new(f"call double @llvm.fabs.f64(double {f.new(f'fsub double {x}, {whole}')})")
     away = f.new(f"fadd double {whole}, {f.new(f'call double @llvm.copysign.f64(double {ONE}, double {x})')}")

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.native.addresses import INT64, address
 from kennfeld.native.cholesky import Factor
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK
@@ -56,9 +57,12 @@ class Gram:
 
     def _compute(self, known: int) -> None:
         """The block rows after those known, and their products with all."""
-        rows = (self._halves.ctypes.data, self._begins.ctypes.data, known, self._begins.size)
+        blocks = self._begins.size
+        halves = address(self._halves, blocks * BLOCK * self._factor.inverse.size)
+        rows = (halves, address(self._begins, kind=INT64), known, blocks)
         _functions()["halve"](*self._factor.pointers, *rows)
-        products = (self._numbers.ctypes.data, self._products.ctypes.data, len(self._products))
+        numbers = address(self._numbers, blocks * BLOCK, INT64)
+        products = (numbers, address(self._products), len(self._products))
         _functions()["multiply"](*rows, self._factor.envelope.blocks, *products)
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
+from kennfeld.native.addresses import UINT32, address
 from kennfeld.native.ir import Function
 
 __all__ = ["BLOCK", "HEAD", "Addresses", "Order", "Row", "Rows", "find", "load_sample", "visit"]
@@ -52,13 +53,13 @@ class Rows:
         for part in parts:
             first, end = end, end + part.size
             whole = np.arange(-(-first // BLOCK), found.size if end == self.count else end // BLOCK)
-            found[whole] = part.ctypes.data + part.itemsize * (whole * BLOCK - first)
+            found[whole] = address(part) + part.itemsize * (whole * BLOCK - first)
             if end % BLOCK and end < self.count:
                 seams.add(end // BLOCK)
         for block in seams:
             samples = np.arange(block * BLOCK, min((block + 1) * BLOCK, self.count))
             copied = np.empty(samples.size)
-            found[block] = copied.ctypes.data
+            found[block] = address(copied)
             self._seams.append((copied, parts, samples))
 
     def reread(self) -> None:
@@ -73,7 +74,7 @@ class Rows:
     def headed(self, order: Order | None) -> Addresses:
         """The table of inputs as compiled code is handed it."""
         head = np.zeros((HEAD, self.addresses.shape[1]), dtype=np.uintp)
-        head[0, 0] = 0 if order is None else order.ctypes.data
+        head[0, 0] = 0 if order is None else address(order, kind=UINT32)
         return np.concatenate([head, self.addresses])
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.errors import ArgumentError
 from kennfeld.native.rows import BLOCK, Order, Row, Rows
 
 __all__ = ["Chunk", "Piece", "Samples", "shares"]
@@ -20,6 +21,9 @@ class Piece:
     first: int
     last: int
     scores: Float  # Float[outputs]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scores", np.require(self.scores, np.float64, ["C", "A"]))
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Samples:
 
     A row may be several arrays that follow each other. Without memory, samples may be visited in another `order` than
     they come, and left out of it; pieces and chunks count the samples that are visited.
+    Raises `ArgumentError` where rows differ in length, or pieces or the order go beyond the samples.
     """
 
     def __init__(
@@ -49,8 +54,20 @@ class Samples:
     ) -> None:
         self.wanted = Rows(targets)
         self.inputs = Rows(data, self.wanted.count)
-        self.pieces, self.order = tuple(pieces), order
+        self.pieces = tuple(pieces)
+        self.order = None if order is None else np.require(order, np.uint32, ["C", "A"])
+        self._check()
         self.data, self.targets = self.inputs.headed(order), self.wanted.addresses
+
+    def _check(self) -> None:
+        order, outputs = self.order, len(self.wanted.parts)
+        if order is not None and order.size and int(order.max()) >= self.wanted.count:
+            raise ArgumentError(f"the order visits sample {int(order.max())} of {self.wanted.count}")
+        for piece in self.pieces:
+            if not 0 <= piece.first <= piece.last <= self.count:
+                raise ArgumentError(f"a piece from {piece.first} to {piece.last} of {self.count} samples")
+            if piece.scores.shape != (outputs,):
+                raise ArgumentError(f"scores of shape {piece.scores.shape} for {outputs} outputs")
 
     @property
     def count(self) -> int:

@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import ArgumentError
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.lowering import Lowered
+from kennfeld.native.addresses import INT64, POINTER, address
 from kennfeld.native.emitter import Layout
 from kennfeld.native.kernel import input_rows, order_values
 from kennfeld.native.rows import Rows
@@ -61,17 +63,26 @@ class Simulator:
 
     def _run_rows(self, parameters: ParameterSet, rows: Rows, starts: Sequence[int]) -> Float:
         count = rows.count
+        self._check(rows, starts)
         out = np.empty((len(self._roots), count))
         values, widths = self._values.pack(parameters), np.zeros(max(len(self._layout.axes), 1))
         memory, hints = np.zeros(self._layout.memory), np.zeros(max(self._layout.hints, 1), dtype=np.int64)
         if count == 0:
             return out
         room, table = np.zeros(8), rows.headed(None)
-        arrays = (values, self._axes, widths, memory, hints)
-        model = (table.ctypes.data, table.shape[1], *(array.ctypes.data for array in arrays))
+        arrays = [address(array) for array in (values, self._axes, widths, memory)]
+        model = (address(table, kind=POINTER), table.shape[1], *arrays, address(hints, kind=INT64))
+        into = address(out)
         for first, last in zip(starts, [*starts[1:], count], strict=True):
             if self._start is not None:
-                self._start(*model, *([room.ctypes.data] * 3), first)
+                self._start(*model, *([address(room)] * 3), first)
             for at in range(first, last, CHUNK):
-                self._run(*model, out[:, at:].ctypes.data, count, at, min(at + CHUNK, last))
+                self._run(*model, into + at * out.itemsize, count, at, min(at + CHUNK, last))
         return out
+
+    def _check(self, rows: Rows, starts: Sequence[int]) -> None:
+        """Refuse data that the compiled code would read beyond their end."""
+        if len(rows.parts) != len(self.inputs):
+            raise ArgumentError(f"{len(rows.parts)} rows of data for the {len(self.inputs)} inputs of the model")
+        if any(not 0 <= start <= rows.count for start in starts):
+            raise ArgumentError(f"starts={list(starts)} must lie within the {rows.count} samples")

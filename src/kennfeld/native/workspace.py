@@ -1,11 +1,12 @@
 """The arrays one thread works in, and the native calls on them."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Bool, Float, Int, aligned
+from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
 from kennfeld.native.sweeps import VECTOR
@@ -50,33 +51,34 @@ class Workspace:
         self.turn = np.zeros(max(n, 1), dtype=np.int64)
         self.gradient, self.matrix = np.zeros(columns), _aligned(columns, columns, _whole(columns))
         self._jacobian: Float | None = None
-        self._entries = (_at(self.index), _at(self.slope), _at(self.count), entries)
-        self._sums = (_at(self.matrix), _whole(columns), _at(self.gradient))
-        self._steps = (_at(self.residual), _at(self.weight), _at(self.c), _at(self.a))
+        self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
+        self._sums = (*strided(self.matrix, columns), address(self.gradient))
+        self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
+        widths = address(self.widths, len(kernel.layout.axes))
+        self._settings = (address(kernel.axes), widths, address(self.memory), address(self.hints, kind=INT64))
         self._model: tuple[int, ...] = ()
 
     def use(self, values: Float) -> None:
         """Take these values for the calls that follow; the array must live until then."""
-        samples = self.samples
+        table = self.samples.data
         self._values = values
-        self._model = (
-            *(_at(samples.data), samples.data.shape[1], _at(values), _at(self.kernel.axes)),
-            *(_at(self.widths), _at(self.memory), _at(self.hints)),
-        )
+        given = (address(table, kind=POINTER), table.shape[1], address(values, self.kernel.values.total))
+        self._model = (*given, *self._settings)
 
     def start(self, sample: int) -> None:
         """First values of the states, and the entries of their slopes."""
         if self.kernel.start is not None:
-            self.kernel.start(*self._model, *(_at(array) for array in self._start), sample)
+            self.kernel.start(*self._model, *_entry_addresses(*self._start), sample)
 
     def cost(self, chunk: Chunk, sums: Float) -> None:
         """Add each output's losses over a chunk, before its weight."""
-        self.kernel.cost(*self._model, _at(self.samples.targets), _at(sums), chunk.first, chunk.last)
+        into = address(sums, len(self.kernel.outputs))
+        self.kernel.cost(*self._model, self._targets, into, chunk.first, chunk.last)
 
     def tape(self, chunk: Chunk) -> None:
         """Write the tape of a chunk, from the states as they stand."""
         scores = self.samples.pieces[chunk.piece].scores
-        head = (_at(self.samples.targets), _at(scores), *self._steps, *self._entries[:3])
+        head = (self._targets, address(scores, len(self.kernel.outputs)), *self._steps, *self._entries[:3])
         self.kernel.tape(*self._model, *head, chunk.first, chunk.last)
 
     def normal(self, chunk: Chunk) -> None:
@@ -87,14 +89,19 @@ class Workspace:
         """Make the Gauss-Newton matrix of what was summed."""
         self.kernel.sweeps.fold(*self._sums[:2], self.kernel.values.free)
 
+    @property
+    def _targets(self) -> int:
+        return address(self.samples.targets, kind=POINTER)
+
     def backward(self, chunk: Chunk) -> None:
         """Q and L after each sample of the tape."""
-        ends = (_at(self.q), _at(self.l), _at(self.q_next), _at(self.l_next))
+        ends = (address(array) for array in (self.q, self.l, self.q_next, self.l_next))
         self.kernel.sweeps.backward(chunk.length, *self._steps, *ends)
 
     def forward(self, chunk: Chunk) -> None:
         """Add the tape to the sums, and carry S over it."""
-        later = (_at(self.q_next), _at(self.l_next), _at(self.sensitivities), self.width, _at(self.reach))
+        swept = (address(self.q_next), address(self.l_next))
+        later = (*swept, address(self.sensitivities), self.width, address(self.reach))
         self.kernel.sweeps.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
@@ -102,8 +109,9 @@ class Workspace:
         columns, m = self.kernel.values.free, len(self.kernel.outputs)
         if self._jacobian is None:
             self._jacobian = _aligned(len(self.count) * m, columns, columns)
-        carried = (_at(self.sensitivities), self.width, _at(self.turn), _at(self.next))
-        jacobian = (_at(self._jacobian), columns)
+        turn = address(self.turn, kind=INT64)
+        carried = (address(self.sensitivities), self.width, turn, address(self.next))
+        jacobian = (address(self._jacobian), columns)
         self.kernel.sweeps.rows(chunk.length, *self._steps[1:], *carried, *self._entries, *jacobian)
         with np.errstate(invalid="ignore"):
             residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
@@ -166,10 +174,8 @@ def _whole(columns: int) -> int:
 
 def _aligned(rows: int, columns: int, stride: int) -> Float:
     """A matrix of zeros whose rows start on vectors if `stride` does, with room for a vector behind it."""
-    room = np.zeros(rows * stride + 2 * VECTOR)
-    skip = (-room.ctypes.data // 8) % VECTOR
-    return room[skip : skip + rows * stride].reshape(rows, stride)[:, :columns]
+    return aligned(rows * stride + VECTOR)[: rows * stride].reshape(rows, stride)[:, :columns]
 
 
-def _at(array: NDArray[Any]) -> int:
-    return array.ctypes.data
+def _entry_addresses(index: NDArray[np.int32], slope: Float, count: NDArray[np.int32]) -> tuple[int, int, int]:
+    return address(index, kind=INT32), address(slope), address(count, kind=INT32)

@@ -1,14 +1,13 @@
 """`calibrate` and `simulate` for those who write Python."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from kennfeld.arrays import ArrayLike
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.dataset import Dataset, Use
+from kennfeld.errors import ArgumentError, Finding, InputError, nearest, warn
 from kennfeld.graph import Graph
 from kennfeld.graph.free_axes import freed
 from kennfeld.graph.lowering import rewrite
@@ -19,6 +18,9 @@ from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.data.coercion import Data, dataset_of
+from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
+from kennfeld.optimize.data.overlap import overlap_findings
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
@@ -31,7 +33,6 @@ from kennfeld.parameters import Parameter, ParameterSet, Scalar
 
 __all__ = ["calibrate", "problem_of", "resolved", "simulate"]
 
-Data = Dataset | Mapping[str, ArrayLike]
 Start = ParameterSet | Mapping[str, float | Parameter]
 
 
@@ -59,7 +60,9 @@ def calibrate(
 
     Args:
         model: a model, or formula text.
-        data: training data; several datasets, or columns by name (a dict, a DataFrame).
+        data: training data; several datasets, or columns by name (a dict, a DataFrame). A column called `time`, or a
+            DataFrame's index of dates, is the time of the samples in s; another unit stands in its name, `time [ms]`.
+            A function with a step of its own reads inputs interpolated onto that step.
         start: the current calibration, or numbers by name for models of scalars alone.
         target: the channel that the model's output shall follow, or a number; or give `criteria` instead.
         node: the output meant, where the model has several.
@@ -132,13 +135,17 @@ def problem_of(
     bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start, model), free_axes))
     parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
-    training, scored = _datasets(data, "training"), _datasets(test, "test")
     if target is not None:
         criteria = (Criterion(_output(ready, node), target), *criteria)
+    inputs = {(channels or {}).get(name, name) for name in ready.graph.inputs}
+    asked = {*inputs, *(criterion.target.name for criterion in criteria)}
+    training = _datasets(data, "training", ready.graph, asked)
+    scored = _datasets(test, "test", ready.graph, asked)
     if isinstance(free, str):
         raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
     tables = _factors(smoothness, parameters)
     datasets, unknown = _moved((*training, *scored), shift or {})
+    datasets = _on_step(ready, datasets, inputs, unknown)
     problem = Problem(
         ready,
         datasets,
@@ -153,23 +160,37 @@ def problem_of(
         unknown,
     )
     _check(problem)
+    warn(overlap_findings(problem, lambda data: f"dataset {data.name}"))
     return problem
 
 
 def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
-    """The named nodes of the model over the data.
+    """Return the named nodes of the model at the samples of the data.
+
+    Args:
+        model: a model, or formula text.
+        data: a dataset, or columns by name, as `calibrate` takes them.
+        parameters: the calibration, or numbers by name.
+        channels: the channel of a model input, where the names differ.
+
+    Raises:
+        InputError: something that the model needs is missing, or the data do not fit its step.
 
     >>> simulate("y = 2 * x + k", {"x": [1.0, 2.0]}, {"k": 1.0})["y"].values
     array([3., 5.])
     """
     values = _parameters(parameters, model)
     ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
-    dataset = data if isinstance(data, Dataset) else Dataset.of("data", data)
+    inputs = {(channels or {}).get(name, name) for name in ready.graph.inputs}
+    dataset = dataset_of(data, "data", ready.graph, inputs)
     findings = missing(ready.graph, [dataset], values, channels or {})
     findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
     if findings:
         raise InputError(findings)
-    return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
+    finer = _on_step(ready, [replace(dataset, scored=None, warmup=0.0)], inputs)[0]
+    bound = bind(finer, ready.graph, channels or {}, ready.step)
+    nodes = Nodes(ready.graph, values).dataset(bound, values)
+    return nodes if finer.scored is None else recorded_samples(nodes, bound.scored)
 
 
 def resolved(model: Model, parameters: ParameterSet) -> Model:
@@ -259,13 +280,37 @@ def _is_shift(given: Any) -> bool:
     return given == "auto" if isinstance(given, str) else bool(np.ndim(given) == 0 and np.isfinite(given))
 
 
-def _datasets(given: Data | Sequence[Data], use: Any) -> list[Dataset]:
+def _datasets(given: Data | Sequence[Data], use: Use, graph: Graph, asked: Collection[str]) -> list[Dataset]:
     several = isinstance(given, Sequence) and not isinstance(given, Mapping)
     parts: Sequence[Data] = given if several else [given]  # type: ignore[assignment,list-item]
-    return [
-        replace(d, use=use) if isinstance(d, Dataset) else Dataset.of(f"{use}{i or ''}", d, use=use)
-        for i, d in enumerate(parts)
-    ]
+    return [replace(dataset_of(d, f"{use}{i or ''}", graph, asked), use=use) for i, d in enumerate(parts)]
+
+
+def _on_step(
+    model: Model, datasets: Sequence[Dataset], inputs: Collection[str], unknown: Collection[str] = ()
+) -> tuple[Dataset, ...]:
+    """The datasets on the model's own step, if it has one; `unknown` are those with a shift that is to be found."""
+    if not is_timed(model.graph):
+        return tuple(datasets)
+    for data in datasets:
+        warn(clock_findings(data, f"dataset {data.name}"))
+    if model.step is None:
+        return tuple(datasets)
+    made: list[Dataset] = []
+    findings: list[Finding] = []
+    for data in datasets:
+        place = f"dataset {data.name}"
+        try:
+            made.append(refined(data, model.step, inputs, place))
+        except InputError as error:
+            findings += error.findings
+            continue
+        if made[-1] is not data and data.name in unknown:
+            what = f"a shift cannot be found while the model's step of {model.step:g} s is finer than that of the data"
+            findings.append(Finding(place, what, f"Resample the data to {model.step:g} s, or give the shift in s."))
+    if findings:
+        raise InputError(findings)
+    return tuple(made)
 
 
 def _output(model: Model, node: str | None) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.numeric import number
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.free_axes.breakpoints import left_behind, told
 from kennfeld.optimize.free_axes.placing import Placing, coarse
@@ -63,13 +64,20 @@ class Options:
     def __post_init__(self) -> None:
         if self.method not in ("gauss-newton", "global"):
             raise ArgumentError(f"method={self.method!r} must be gauss-newton or global")
-        whole = (("starts", 1), ("seed", 0), ("workers", 1), ("save_every", 0), ("max_evaluations", 0))
+        whole = (
+            ("max_iterations", 0),
+            ("starts", 1),
+            ("seed", 0),
+            ("workers", 1),
+            ("save_every", 0),
+            ("max_evaluations", 0),
+        )
         for name, least in whole:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | np.integer) and value >= least):
                 raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
-        if not 0 < self.spread < float("inf"):
-            raise ArgumentError(f"spread={self.spread!r} must be a number above 0")
+        for name in ("spread", "tolerance"):
+            object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
         object.__setattr__(self, "steps", tuple(self.steps))
 
     @property

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native import Loss
+from kennfeld.numeric import number
 
 __all__ = ["Criterion", "Region", "Target"]
 
@@ -26,7 +27,11 @@ class Target:
         """The target that a name or a number stands for."""
         if isinstance(given, Target):
             return given
-        return cls("name", given) if isinstance(given, str) else cls("number", value=float(given))
+        return (
+            cls("name", given)
+            if isinstance(given, str)
+            else cls("number", value=number(given, "target", "a criterion"))
+        )
 
     def __str__(self) -> str:
         return f"{self.value:g}" if self.kind == "number" else self.name
@@ -46,8 +51,8 @@ class Region:
     def __post_init__(self) -> None:
         if not self.where.strip():
             raise ArgumentError("where of a region is empty; it must be a condition such as 'Speed > 3000'")
-        if not 0 <= self.weight < float("inf"):
-            raise ArgumentError(f"weight={self.weight} of the region {self.where} must be a number from 0 on")
+        weight = number(self.weight, "weight", f"the region {self.where}", least=0)
+        object.__setattr__(self, "weight", weight)
 
 
 @dataclass(frozen=True)
@@ -88,14 +93,14 @@ class Criterion:
         weight_channel: str = "",
         regions: Sequence[Region] = (),
     ) -> None:
-        if not 0 <= weight < float("inf"):
-            raise ArgumentError(f"weight={weight} of the criterion on {node} must be a number from 0 on")
         if loss not in get_args(Loss):
             raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber, soft_l1 or excess")
-        for name, value in (("delta", delta), ("scale", scale)):
-            if not 0 < value < float("inf"):
-                raise ArgumentError(f"{name}={value} of the criterion on {node} must be a number above 0")
-        settings = {"weight": weight, "loss": loss, "delta": delta, "scale": scale}
-        samples = {"weight_channel": weight_channel, "regions": tuple(regions)}
-        for name, given in ({"node": node, "target": Target.of(target)} | settings | samples).items():
+        owner = f"the criterion on {node}"
+        numbers = {
+            "weight": number(weight, "weight", owner, least=0),
+            "delta": number(delta, "delta", owner, above=0),
+            "scale": number(scale, "scale", owner, above=0),
+        }
+        samples = {"loss": loss, "weight_channel": weight_channel, "regions": tuple(regions)}
+        for name, given in ({"node": node, "target": Target.of(target)} | numbers | samples).items():
             object.__setattr__(self, name, given)

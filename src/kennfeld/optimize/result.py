@@ -11,7 +11,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
 from kennfeld.graph.free_axes import free_axes
-from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.quality import Quality, r2_text
 from kennfeld.optimize.solver.gauss_newton import Status
 from kennfeld.parameters import ParameterSet
 
@@ -160,7 +160,7 @@ class Result:
             (
                 *(q.criterion, q.dataset, q.use, str(q.samples)),
                 *(_four_digits(x) for x in (q.rmse_before, q.rmse_after)),
-                *(f"{q.r2_after:.4f}", _four_digits(q.max_abs_after)),
+                *(r2_text(q.r2_after, q.samples, q.rmse_after), _four_digits(q.max_abs_after)),
             )
             for q in self.quality
         ]

@@ -13,7 +13,7 @@ from kennfeld.graph.lowering import lower
 from kennfeld.native import Simulator
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.quality import Quality, spread
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Nodes", "Scorer"]
@@ -123,7 +123,7 @@ class _Errors:
 
 
 def _quality(criterion: str, bound: Bound, target: Float, old: _Errors, new: _Errors) -> Quality:
-    spread = _spread(target)
+    variation = spread(target)
     return Quality(
         criterion=criterion,
         dataset=bound.dataset.name,
@@ -131,31 +131,10 @@ def _quality(criterion: str, bound: Bound, target: Float, old: _Errors, new: _Er
         samples=new.count,
         rmse_before=_rmse(old),
         rmse_after=_rmse(new),
-        r2_after=1.0 - new.squares / spread if spread > 0 else float("nan"),
+        r2_after=1.0 - new.squares / variation if variation > 0 else float("nan"),
         max_abs_after=new.largest if new.count else float("nan"),
     )
 
 
 def _rmse(errors: _Errors) -> float:
     return float(np.sqrt(errors.squares / errors.count)) if errors.count else float("nan")
-
-
-def _spread(target: Float) -> float:
-    """Sum of the squared distances from the mean, where the target is known; exactly 0 where it is constant."""
-    count, total = 0, 0.0
-    first = next((float(part[0]) for part in _known(target)), 0.0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for part in _known(target):
-            count += part.size
-            total += float(np.sum(part - first))
-        mean = first + total / max(count, 1)
-        return float(sum(np.sum((part - mean) ** 2) for part in _known(target)))
-
-
-def _known(target: Float) -> Iterator[Float]:
-    """The values that are there, block by block."""
-    for at in range(0, target.size, BLOCK):
-        part = target[at : at + BLOCK]
-        known = part[np.isfinite(part)]
-        if known.size:
-            yield known

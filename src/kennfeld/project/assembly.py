@@ -13,6 +13,7 @@ from kennfeld.models import started
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.data.model_step import is_timed
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.limits.projection import infeasible
 from kennfeld.optimize.limits.sides import channels_of, check_limits
@@ -257,7 +258,7 @@ class _Assembling:
 
     def _step(self) -> float | None:
         """The model's own step, where it matters."""
-        if self.function is None or not (self.function.graph.states or uses_clock(self.function.graph)):
+        if self.function is None or not is_timed(self.function.graph):
             return None
         return self.file.model.step or self.function.model.step
 

@@ -41,7 +41,7 @@ class Calculated:
 
     def added(self, dataset: Dataset, names: Iterable[str], shift: Mapping[str, float]) -> Dataset:
         """The dataset with the calculated channels that `names` need and whose sources are there."""
-        from kennfeld.project.shift import shifted
+        from kennfeld.optimize.choice.shifting import shifted
 
         for name in self.needed(names):
             graph = self.graphs[name]

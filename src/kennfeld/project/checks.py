@@ -12,12 +12,14 @@ from kennfeld.errors import Finding
 from kennfeld.graph.lowering import dependent
 from kennfeld.measurement.conversion import compare, says_nothing
 from kennfeld.optimize import Problem
+from kennfeld.optimize.data.model_step import clock_findings, is_timed
 from kennfeld.optimize.problem import difference
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.project.seen_data import seen_test_data
 from kennfeld.project.step_check import step_warning
 from kennfeld.project.toml import quoted
 
@@ -41,7 +43,17 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_names(file, problem),
     ]
     warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
+    warnings += [*_clocks(file, problem, places), *seen_test_data(file, problem, places)]
     return [*warnings, *event_warning(file, problem), *step_warning(file, problem)]
+
+
+def _clocks(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> Iterator[Finding]:
+    """Time stamps that look like milliseconds, where the length of a second matters."""
+    entries = file.datasets
+    timed = any(e.raster or e.shift or e.unknown_shifts or e.warmup or e.max_gap or e.steady for e in entries)
+    if timed or is_timed(problem.model.graph):
+        for data in problem.datasets:
+            yield from clock_findings(data, places[data.name])
 
 
 _Warning = tuple[str, str, str]

@@ -9,17 +9,19 @@ import numpy as np
 from kennfeld.dataset import Dataset, Settling, concatenate
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.graph import Graph
-from kennfeld.measurement import describe, read
+from kennfeld.measurement import describe
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.conversion import compare, says_nothing
+from kennfeld.measurement.reader import read_leniently
+from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.data.binding import NEAR
+from kennfeld.optimize.data.model_step import refined
 from kennfeld.project.calculated import Calculated, evaluated, read_expression, uses_clock
 from kennfeld.project.files import CACHE, default_name, matching, near
 from kennfeld.project.schema import DatasetEntry, ProjectFile
-from kennfeld.project.shift import refined, shifted
 from kennfeld.project.steady import steady_points
 from kennfeld.project.toml import quoted
-from kennfeld.project.units import Units, check_stated, restated
+from kennfeld.project.units import Units, check_stated, restated, times
 
 __all__ = ["Loaded", "Wanted", "load"]
 
@@ -50,6 +52,7 @@ class Loaded:
     places: dict[str, str] = field(default_factory=dict)  # of each dataset, by its name
     offered: dict[str, None] = field(default_factory=dict)
     unknown_shifts: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each dataset that has some
+    clocks: set[str] = field(default_factory=set)  # the columns of files that time was read from
     complete: bool = True
 
 
@@ -84,7 +87,7 @@ def load(file: ProjectFile, wanted: Wanted, calculated: Calculated, findings: li
             loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
     findings += units.remarks(formulas)
     if wanted.complete:
-        findings += check_stated(file, used)
+        findings += check_stated(file, used, loaded.clocks, complete=loaded.complete)
     return loaded
 
 
@@ -199,7 +202,13 @@ class _Loading:
         return self._lenient(path, names, missed, listed)
 
     def _read(self, path: str, channels: Sequence[str] | None, raster: float | None) -> Dataset:
-        return read(path, channels, raster) if self.cache is None else self.cache.read(path, channels, raster)
+        units = times(self.file.units)
+        if self.cache is None:
+            read = read_leniently(path, channels, raster, units)
+        else:
+            read = self.cache.read(path, channels, raster, units=units)
+        self.loaded.clocks |= {read.clock.name} if read.clock is not None else set()
+        return read
 
     def _names(self, path: str, error: InputError) -> list[str] | None:
         """All that a file has, where it cannot give what is asked for; None where it cannot be read at all."""
@@ -295,7 +304,7 @@ class _Loading:
         if self.entry.steady:
             return self._steady(dataset)
         if self.wanted.step is not None:
-            dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place)
+            dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place, _raster)
         return dataset
 
     def _steady(self, dataset: Dataset) -> Dataset | None:
@@ -353,3 +362,7 @@ class _Loading:
             if not scored.any():
                 self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
         return dataset if scored.all() else replace(dataset, scored=scored)
+
+
+def _raster(step: float) -> str:
+    return f"Write raster = {step:g} to put them onto an even raster."

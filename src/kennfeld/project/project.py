@@ -91,6 +91,15 @@ class Project:
             found += warnings_of(self.file, assembly.problem, assembly.places)
         return list(dict.fromkeys(found))
 
+    def seen_test_data(self) -> list[Finding]:
+        """Return a warning for each test dataset with files or samples that are training data too.
+
+        Raises `InputError` like `problem`.
+        """
+        from kennfeld.project.seen_data import seen_test_data
+
+        return seen_test_data(self.file, self.problem(), self._assembly.places)
+
     def problem(self) -> "Problem":
         """The calibration problem. Raises `InputError` with every finding where it cannot be made."""
         assembly = self._assembly

@@ -1,8 +1,9 @@
 """The text of a project file as plain tables; syntax errors with their line."""
 
+import ast
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,10 @@ from kennfeld.errors import Finding, InputError, nearest
 __all__ = ["is_training", "quoted", "read_toml"]
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+_HEAD = re.compile(r"\s*\[{1,2}([^\[\]]+)\]")
+_SECTION_TWICE = re.compile(r"Cannot (?:declare|redefine namespace|mutate immutable namespace) (\(.*\))(?: twice)?")
+_KEY_TWICE = re.compile(r"Cannot overwrite a value|Duplicate inline table key '(.*)'")
+_LISTS = ("dataset", "criterion", "limit", "step")
 _WIDEST = 120
 
 
@@ -62,13 +67,41 @@ def _missing(path: Path) -> Finding:
 def _syntax(name: str, text: str, message: str) -> Finding:
     found = _AT.search(message)
     what = message[: found.start()] if found else message
+    last = text.rstrip().count("\n") + 1
+    if repeated := _repeated(what, text.split("\n"), int(found[1]) if found and found[1] else last):
+        return Finding(f"{name} line {found[1] if found and found[1] else last}", *repeated)
     if not found or found[1] is None:
-        last = text.rstrip().count("\n") + 1
         return Finding(f"{name} line {last}", f"{what}: the file ends too early", "Is it cut off?")
     line, column = int(found[1]), int(found[2])
     shown = text.split("\n")[line - 1][:_WIDEST]
     excerpt = f"{shown}\n{' ' * (column - 1)}^" if column <= _WIDEST else shown
     return Finding(f"{name} line {line}, column {column}", what, _syntax_mend(what, shown), excerpt)
+
+
+def _repeated(what: str, lines: Sequence[str], line: int) -> tuple[str, str] | None:
+    """What is wrong and how to correct it, if a section or a key stands twice; TOML has another word for each case."""
+    section = _SECTION_TWICE.fullmatch(what)
+    if section:
+        name = ".".join(ast.literal_eval(section[1]))
+        first = next((at for at, text in enumerate(lines[: line - 1], 1) if _heads(text, name)), None)
+        where = "" if first is None else f"; it begins in line {first}"
+        return f"there is a section [{name}] already{where}", _merge(name)
+    key = _KEY_TWICE.fullmatch(what)
+    if key:
+        name = key[1] or lines[line - 1].partition("=")[0].strip() or "this key"
+        return f"{name} has a value already", "Remove one of them."
+    return None
+
+
+def _heads(line: str, name: str) -> bool:
+    """Whether a line begins a section or a list of sections."""
+    found = _HEAD.match(line)
+    return found is not None and found[1].replace(" ", "") == name
+
+
+def _merge(name: str) -> str:
+    several = f" Several of them begin with [[{name}]] each." if name in _LISTS else ""
+    return f"Merge the two sections.{several}"
 
 
 def _syntax_mend(what: str, line: str) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, nearest
 from kennfeld.measurement.conversion import Conversion, compare, says_nothing
+from kennfeld.measurement.units import in_seconds, time_unit
 from kennfeld.project.schema import ProjectFile
 
 __all__ = ["Units", "check_stated", "restated"]
@@ -58,9 +59,30 @@ def restated(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
     return dataset.with_channels(*changed)
 
 
-def check_stated(file: ProjectFile, used: Collection[str]) -> Iterator[Finding]:
-    """Units stated for channels that nothing uses."""
-    for name in file.units:
+def times(stated: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the stated units that are units of time, which a column of time may be in.
+
+    >>> times({"Time": "ms", "n": "rpm"})
+    {'Time': 'ms'}
+    """
+    return {name: unit for name, unit in stated.items() if in_seconds(unit) is not None}
+
+
+def check_stated(
+    file: ProjectFile, used: Collection[str], clocks: Collection[str], *, complete: bool
+) -> Iterator[Finding]:
+    """Units stated for channels that nothing uses, and units of time columns that are none.
+
+    `clocks` are the columns that time was read from; all of them are known only if all data are `complete`.
+    """
+    for name, unit in file.units.items():
+        if name in clocks:
+            if in_seconds(unit) is None and name not in used:
+                what = f"{unit} is not a unit of time, and {name} is the time"
+                yield Finding(file.place(f"[units] {name}"), what, "Write s, ms, us, ns, min or h.")
+            continue
+        if not complete and time_unit(name, unit) is not None:
+            continue
         if name not in used:
-            mend = nearest(name, used) or "Name a channel of the files or a calculated one."
+            mend = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
             yield Finding(file.place(f"[units] {name}"), f"nothing uses a channel {name}", mend)

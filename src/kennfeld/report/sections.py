@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from kennfeld.optimize.quality import CONSTANT
 from kennfeld.report import figures
 from kennfeld.report.determined import limits, undetermined
 from kennfeld.report.facts import sources
@@ -92,15 +93,22 @@ def _score_table(subject: Subject) -> Html:
 def _score_row(score: Score, *, done: bool) -> list[str]:
     first = [score.criterion, score.dataset, score.use, str(score.samples), score.unit or MISSING]
     if not done:
-        return [*first, *(shown(pair[1]) for pair in (score.rmse, score.r2, score.largest))]
+        return [*first, shown(score.rmse[1]), _r2(score, 1), shown(score.largest[1])]
     before, after = score.rmse
     change = percent(after / before - 1.0) if np.isfinite(before) and before > 0 else MISSING
     return [
         *first,
         *(shown(before), shown(after), change if change.startswith(("-", MISSING)) else f"+{change}"),
-        *(f"{value:.4f}" if np.isfinite(value) and abs(value) < 1e4 else shown(value) for value in score.r2),
+        *(_r2(score, 0), _r2(score, 1)),
         *(shown(value) for value in score.largest),
     ]
+
+
+def _r2(score: Score, which: int) -> str:
+    value, rmse = score.r2[which], score.rmse[which]
+    if abs(value) < 1e4:
+        return f"{value:.4f}"
+    return CONSTANT if np.isnan(value) and np.isfinite(rmse) and score.samples else shown(value)
 
 
 # Search and messages

@@ -16,6 +16,7 @@ from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.optimize import Problem, Quality, Result
 from kennfeld.optimize.choice.lag import moved
+from kennfeld.optimize.quality import spread
 from kennfeld.parameters import Parameter, ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.function import coordinates_of
@@ -105,6 +106,7 @@ class Subject:
     trust: TrustView = field(default_factory=TrustView)
     written: Mapping[str, Any] | None = None  # the contents of `result.json`
     left: "tuple[Leaving, ...]" = ()  # where surrogates are used outside the data they were trained on
+    seen: tuple[Finding, ...] = ()  # test data that are training data too
 
     @property
     def parameters(self) -> ParameterSet:
@@ -211,6 +213,7 @@ def subject(
         trust=trust,
         written=written,
         left=left,
+        seen=tuple(project.seen_test_data()),
     )
 
 
@@ -281,5 +284,5 @@ def _largest(error: Float) -> float:
 def _r2(series: Series) -> float:
     measured, error = series.measured[series.scored], series.error[series.scored]
     with np.errstate(over="ignore", invalid="ignore"):
-        spread = float(np.sum((measured - measured.mean()) ** 2)) if measured.size else 0.0
-        return 1.0 - float(np.sum(error**2)) / spread if spread > 0 else float("nan")
+        variation = spread(measured)
+        return 1.0 - float(np.sum(error**2)) / variation if variation > 0 else float("nan")

@@ -36,7 +36,8 @@ def verdict(subject: Subject) -> str:
         return f"Nothing has been calibrated yet. With the start, {said}."
     if result.status in ("failed", "infeasible"):
         return f"The calibration failed: {result.message} With the values it ended at, {_missing(judged[0])}."
-    return " ".join(_sentence(score) for score in judged)
+    unseen = not subject.seen
+    return " ".join(_sentence(score, unseen=unseen) for score in judged)
 
 
 def _judged(scores: Sequence[Score]) -> list[Score]:
@@ -75,9 +76,10 @@ def _missing(score: Score) -> str:
     return f"{error} (RMSE over {score.samples} samples of {score.use} data)"
 
 
-def _sentence(score: Score) -> str:
+def _sentence(score: Score, *, unseen: bool) -> str:
     before, after = score.rmse
-    where = "On data that the fit has not seen" if score.use == "test" else "On the data it was fitted to"
+    test = "On data that the fit has not seen" if unseen else "On test data, some of which the fit has seen"
+    where = test if score.use == "test" else "On the data it was fitted to"
     now = f"{score.criterion} deviates from {score.target} by {with_unit(after, score.unit)}"
     most = f"by at most {with_unit(score.largest[1], score.unit)}"
     if not np.isfinite(before):
@@ -137,6 +139,9 @@ def _data_remarks(subject: Subject) -> Iterator[Remark]:
             "note",
             "There are no test data: nothing here says how well the function works on data it was not fitted to.",
         )
+        return
+    if subject.seen:
+        yield from (Remark("warning", str(finding)) for finding in subject.seen)
         return
     for number in dict.fromkeys(score.number for score in subject.scores):
         mine = [score for score in subject.scores if score.number == number]

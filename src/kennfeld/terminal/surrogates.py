@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from kennfeld.optimize.quality import r2_text
 from kennfeld.surrogate import DynamicSurrogate, Surrogate
 from kennfeld.terminal.table import aligned
 
@@ -35,7 +36,15 @@ def quality_table(surrogate: Surrogate) -> list[list[str]]:
     """A row a dataset and way of running it."""
     rows = [["dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|"]]
     rows += [
-        [q.dataset, q.use, q.mode, str(q.samples), f"{q.rmse:.4g}", f"{q.r2:.4f}", f"{q.max_abs:.4g}"]
+        [
+            q.dataset,
+            q.use,
+            q.mode,
+            str(q.samples),
+            f"{q.rmse:.4g}",
+            r2_text(q.r2, q.samples, q.rmse),
+            f"{q.max_abs:.4g}",
+        ]
         for q in surrogate.quality
     ]
     return rows

@@ -188,7 +188,10 @@ def _clock(time: Float, starts: Int, clocks: Collection[str]) -> dict[str, Float
 
 
 def _steps(time: Float, starts: Int) -> Float:
-    """The step before each sample; the first of a piece is as long as the second."""
+    """The step before each sample in s; the first of a piece is as long as the second.
+
+    A piece of a single sample has the median step of all pieces, 1 s if none has two samples.
+    """
     if not time.size:
         return time
     dt = np.diff(time, prepend=time[0])

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from kennfeld.arrays import ArrayLike
 from kennfeld.errors import ArgumentError
+from kennfeld.numeric import array, number
 
 __all__ = ["Equality", "Limit", "Pin", "Shape", "Term"]
 
@@ -28,7 +30,7 @@ class Limit:
     where: str = ""
 
     def __post_init__(self) -> None:
-        _ordered(f"limit of {self.node}", self.lower, self.upper)
+        _make_range(self, f"limit of {self.node}")
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Pin:
     parameter: str
     at: tuple[float, ...]
     value: float
+
+    def __post_init__(self) -> None:
+        owner = f"the pin of {self.parameter}"
+        object.__setattr__(self, "at", _coordinates(self.at, owner))
+        object.__setattr__(self, "value", float(array(self.value, f"value of {owner}")))
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ class Shape:
     upper: float = UNBOUNDED
 
     def __post_init__(self) -> None:
-        _ordered(f"{self.kind} of {self.parameter}", self.lower, self.upper)
+        _make_range(self, f"{self.kind} of {self.parameter}")
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,12 @@ class Term:
     parameter: str
     at: tuple[float, ...] | None = None
     factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        owner = f"the term of {self.parameter}"
+        if self.at is not None:
+            object.__setattr__(self, "at", _coordinates(self.at, owner))
+        object.__setattr__(self, "factor", number(self.factor, "factor", owner))
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,7 @@ class Equality:
         if not terms:
             raise ArgumentError("an equality needs at least one term")
         object.__setattr__(self, "terms", tuple(terms))
-        object.__setattr__(self, "value", float(value))
+        object.__setattr__(self, "value", number(value, "value", "an equality"))
 
     def __str__(self) -> str:
         return f"{' + '.join(map(_written, self.terms))} = {self.value:g}"
@@ -92,6 +105,13 @@ def _written(term: Term) -> str:
     return name if term.factor == 1 else f"{term.factor:g} {name}"
 
 
-def _ordered(what: str, lower: float, upper: float) -> None:
+def _coordinates(at: ArrayLike, owner: str) -> tuple[float, ...]:
+    return tuple(array(at, f"coordinates of {owner}").tolist())
+
+
+def _make_range(limit: Limit | Shape, owner: str) -> None:
+    lower, upper = (number(getattr(limit, side), side, owner, infinite=True) for side in ("lower", "upper"))
     if not lower <= upper:
-        raise ArgumentError(f"{what}: {lower:g} .. {upper:g} is no range, the first must not exceed the second")
+        raise ArgumentError(f"{owner}: {lower:g} .. {upper:g} is no range, the first must not exceed the second")
+    object.__setattr__(limit, "lower", lower)
+    object.__setattr__(limit, "upper", upper)

@@ -11,6 +11,7 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Bool
 from kennfeld.errors import ArgumentError, Finding, nearest
 from kennfeld.graph.free_axes import standing as axes_standing
+from kennfeld.numeric import number
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.free_axes.breakpoints import left_behind
 from kennfeld.optimize.limits.constraints import Equality, Shape, Term
@@ -62,8 +63,8 @@ class Step:
             raise ArgumentError(f"free={self.free!r} of a step must be a list of patterns: free=[{self.free!r}]")
         if self.max_iterations is not None and self.max_iterations < 1:
             raise ArgumentError(f"max_iterations={self.max_iterations} of a step must be a whole number from 1 on")
-        if self.tolerance is not None and not self.tolerance > 0:
-            raise ArgumentError(f"tolerance={self.tolerance} of a step must be a number above 0")
+        if self.tolerance is not None:
+            object.__setattr__(self, "tolerance", number(self.tolerance, "tolerance", "a step", above=0))
         if self.continuation not in (None, "auto", "off"):
             raise ArgumentError(f"continuation={self.continuation!r} of a step must be auto or off")
         smooth = self.smoothness
@@ -200,8 +201,8 @@ def _active(
         return tuple(criteria)
     weights = given if isinstance(given, Mapping) else dict.fromkeys(given)
     found = []
-    for number, criterion in enumerate(criteria, 1):
-        keys = [key for key in (number, criterion.node) if key in weights]
+    for position, criterion in enumerate(criteria, 1):
+        keys = [key for key in (position, criterion.node) if key in weights]
         if keys:
             weight = weights[keys[0]]
             found.append(criterion if weight is None else replace(criterion, weight=weight))
@@ -213,7 +214,7 @@ def unusable(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
     if not steps:
         return []
     found = left_behind(problem.free_axes, problem.free_names)
-    return found + [f for number, step in enumerate(steps, 1) for f in _Checking(problem, step, number).findings()]
+    return found + [f for place, step in enumerate(steps, 1) for f in _Checking(problem, step, place).findings()]
 
 
 class _Checking:

@@ -1,0 +1,77 @@
+"""Addresses of arrays, as compiled code takes them.
+
+Compiled code reads memory at an address without knowing what lies there: numbers of another type would be taken for
+doubles, and an array that is too short would be read beyond its end. All pointers are therefore taken here, where the
+array is checked. Nothing is converted: a converted copy would be gone before the code runs, and what the code writes
+into it would be lost. Arrays are brought to their types where the objects that hold them are made.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float
+from kennfeld.errors import ArgumentError
+
+__all__ = ["INT32", "INT64", "POINTER", "UINT32", "address", "is_strided", "strided"]
+
+DOUBLE = np.dtype(np.float64)
+INT32 = np.dtype(np.int32)
+INT64 = np.dtype(np.int64)
+UINT32 = np.dtype(np.uint32)
+POINTER = np.dtype(np.uintp)
+
+Array = NDArray[Any]
+
+
+def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
+    """Return where the elements of an array begin.
+
+    Args:
+        array: elements of the type `kind` in native byte order, one after the other in C order, aligned.
+        size: how many elements the code reads or writes at least.
+        kind: the type that the code takes the elements for.
+
+    Raises:
+        ArgumentError: the array has another type or layout, or fewer elements.
+    """
+    flags = array.flags
+    if array.dtype != kind or not flags.c_contiguous or not flags.aligned or array.size < size:
+        raise ArgumentError(f"compiled code needs {_needed(size, kind)}, got {_described(array)}")
+    return array.ctypes.data
+
+
+def strided(matrix: Float, size: int = 0) -> tuple[int, int]:
+    """Return where a matrix of doubles begins, and how many doubles lie from one of its rows to the next.
+
+    Args:
+        matrix: doubles whose rows may lie apart, each contiguous; see `is_strided`.
+        size: how many rows and columns the code reads or writes at least.
+
+    Raises:
+        ArgumentError: the array has another type or layout, or fewer rows or columns.
+    """
+    if not is_strided(matrix) or min(matrix.shape) < size:
+        needed = f"a matrix of float64, at least {size} x {size}, with contiguous rows"
+        raise ArgumentError(f"compiled code needs {needed}, got {_described(matrix)}")
+    return matrix.ctypes.data, matrix.strides[0] // matrix.itemsize
+
+
+def is_strided(matrix: Float) -> bool:
+    """Return whether `strided` takes this matrix."""
+    if matrix.dtype != DOUBLE or matrix.ndim != 2 or not matrix.flags.aligned:
+        return False
+    between, within = matrix.strides
+    return (within == matrix.itemsize or matrix.shape[1] <= 1) and between % matrix.itemsize == 0
+
+
+def _needed(size: int, kind: "np.dtype[Any]") -> str:
+    return f"{f'at least {size}' if size else 'an array of'} contiguous {kind}"
+
+
+def _described(array: Array) -> str:
+    flags = array.flags
+    layout = "contiguous" if flags.c_contiguous else "not contiguous"
+    order = "" if array.dtype.isnative else " in foreign byte order"
+    return f"{array.dtype}{order} of shape {array.shape}, {layout}{'' if flags.aligned else ', not aligned'}"

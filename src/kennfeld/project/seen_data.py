@@ -1,0 +1,77 @@
+"""Test data of a project that the fit has seen: the same files, or the same samples."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from kennfeld.errors import Finding
+from kennfeld.optimize import Problem
+from kennfeld.optimize.data.overlap import HOLD_BACK, overlap_findings
+from kennfeld.project.files import matching
+from kennfeld.project.schema import DatasetEntry, ProjectFile
+
+__all__ = ["seen_test_data"]
+
+
+def seen_test_data(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
+    """Return a warning for each test dataset with files or samples that are training data too.
+
+    Args:
+        file: the project.
+        problem: what was made of it.
+        places: of the datasets, by name.
+    """
+    of_files = list(_shared_files(file))
+    known = {finding.place for finding in of_files}
+    of_samples = overlap_findings(problem, lambda data: places[data.name])
+    return [*of_files, *(finding for finding in of_samples if finding.place.partition(" (")[0] not in known)]
+
+
+def _shared_files(file: ProjectFile) -> Iterator[Finding]:
+    """Files of test data with the content of training files; a file may be parted by conditions."""
+    training = [entry for entry in file.datasets if entry.use == "training" and entry.weight > 0]
+    for test in (entry for entry in file.datasets if entry.use == "test"):
+        others = [entry for entry in training if entry.where == test.where and entry.steady == test.steady]
+        fitted = {path: None for entry in others for path in _paths(file, entry)}
+        pairs = [(path, other) for path in _paths(file, test) for other in fitted if _is_same(path, other)]
+        first: dict[str, str] = {}
+        for path, other in pairs:
+            first.setdefault(path, other)
+        if first:
+            yield Finding(test.place, "; ".join(_told(*pair) for pair in first.items()), HOLD_BACK, severity="warning")
+
+
+def _paths(file: ProjectFile, entry: DatasetEntry) -> list[str]:
+    return list(dict.fromkeys(path for pattern in entry.files for path in matching(file.folder, pattern)))
+
+
+def _told(path: str, other: str) -> str:
+    name, same = Path(path).name, Path(other).name
+    if path == other:
+        return f"the test file {name} is a training file too"
+    return f"the test file {name} has the same content as the training file {same if same != name else other}"
+
+
+def _is_same(path: str, other: str) -> bool:
+    """Return whether two files, or sheets of workbooks, have the same content; reads only files of the same size."""
+    if path == other:
+        return True
+    (one, sheet), (two, other_sheet) = _parted(path), _parted(other)
+    try:
+        return sheet == other_sheet and one.stat().st_size == two.stat().st_size and _digest(one) == _digest(two)
+    except OSError:
+        return False
+
+
+def _parted(path: str) -> tuple[Path, str]:
+    """The file and the sheet of `file.xlsx#sheet`."""
+    whole = Path(path)
+    if whole.is_file():
+        return whole, ""
+    name, _, sheet = path.rpartition("#")
+    return Path(name), sheet
+
+
+def _digest(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").digest()
