@@ -9,7 +9,9 @@ from typing import Any, BinaryIO
 
 from kennfeld.archives import overgrown
 from kennfeld.errors import InputError
+from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.binary import check_end, extent_of
+from kennfeld.workbooks.compound import MAGIC, workbook_stream
 from kennfeld.workbooks.panic import panics
 from kennfeld.workbooks.places import OVERLAP, extent_of_text
 
@@ -67,6 +69,9 @@ def opened(name: str, content: BinaryIO | bytes) -> Workbook:
         if zipfile.is_zipfile(stream):
             with zipfile.ZipFile(stream) as archive:
                 _check(name, archive)
+        stream.seek(0)
+        if stream.read(len(MAGIC)) == MAGIC:
+            check_records(workbook_stream(MAGIC + stream.read()), _CELLS)
         stream.seek(0)
         with panics():
             return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream))
