@@ -1,11 +1,10 @@
 """Reads any measurement file: finds its kind and hands it to the reader for that kind."""
 
 import math
-import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
@@ -13,7 +12,7 @@ from kennfeld.measurement.assemble import assemble
 from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
 from kennfeld.measurement.rasters import join
-from kennfeld.measurement.sniff import Kind, Source, locate
+from kennfeld.measurement.sniff import Kind, Source, guarded, locate
 from kennfeld.measurement.timelines import timelines
 
 __all__ = ["describe", "read"]
@@ -85,7 +84,7 @@ def describe(path: str | Path) -> Description:
     if source.kind in _RASTERS:
         reader = _reader(source)
         return Description(
-            source.name, source.kind.value, _guarded(source.name, lambda: tuple(reader.describe_tables(source)))
+            source.name, source.kind.value, guarded(source.name, lambda: tuple(reader.describe_tables(source)))
         )
     tables = _tables(source, Selection())
     findings = [finding for table in tables for finding in table.findings]
@@ -95,21 +94,10 @@ def describe(path: str | Path) -> Description:
     return Description(source.name, source.kind.value, tuple(described(part) for part in parts))
 
 
-_T = TypeVar("_T")
-
-
-def _guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
-    """Run `work`; what the system or a packed file throws becomes a finding."""
-    try:
-        return work()
-    except (EOFError, zlib.error):
-        raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.") from None
-    except OSError as error:
-        raise InputError.of(name, f"cannot be read ({error.strerror or error})", "Check the file.") from None
-
-
 def _located(path: str | Path, sheet: str | None) -> Source:
-    source = _guarded(Path(path).name, lambda: locate(path, sheet))
+    source = guarded(Path(path).name, lambda: locate(path, sheet))
+    if source.kind is Kind.PACKED:
+        raise InputError.of(source.name, "this is a packed file", "Unpack it first; of packed files, gzip is read.")
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
         raise InputError.of(
@@ -134,7 +122,7 @@ def _reader(source: Source) -> Any:
 
 def _tables(source: Source, selection: Selection) -> list[Table]:
     reader = _reader(source)
-    tables: list[Table] = _guarded(source.name, lambda: reader.read_tables(source, selection))
+    tables: list[Table] = guarded(source.name, lambda: reader.read_tables(source, selection))
     return tables
 
 
