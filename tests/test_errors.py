@@ -74,3 +74,10 @@ def test_characters_that_act_on_a_terminal_become_escapes(text, shown):
     assert str(Finding(text, "is odd")) == f"{shown}: is odd"
     assert str(ArgumentError(text)) == shown
     assert str(InputError.of("a", text)) == f"a: {shown}"
+
+
+def test_the_nearest_of_very_many_names_is_found():
+    names = [f"Channel_{i}" for i in range(20_000)]
+    assert nearest("Chanel_17321", names) == "Did you mean Channel_17321?"
+    assert nearest("Torque", names) == ""
+    assert nearest("Torqe", [*names, "Torque"]) == "Did you mean Torque?"

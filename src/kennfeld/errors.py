@@ -11,9 +11,13 @@ import difflib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from heapq import nlargest
+from itertools import pairwise
 from typing import Literal
 
 __all__ = ["ArgumentError", "Finding", "InputError", "KennfeldError", "nearest", "visible"]
+
+_MANY = 1000  # names, beyond which only those that share the most pairs of letters are compared in full
 
 # control characters but tab and newline, and what is invisible or turns the direction of writing
 _UNSEEN = re.compile(
@@ -91,5 +95,10 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
     """
     names = list(candidates)
     folded = {candidate.casefold(): candidate for candidate in names}
-    found = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.6)
+    wanted = name.casefold()
+    close: Iterable[str] = folded
+    if len(folded) > _MANY:  # a full comparison takes 20 us each, and a file may have 50 000 channels
+        pairs = {*pairwise(wanted)}
+        close = nlargest(_MANY, folded, key=lambda candidate: len(pairs.intersection(pairwise(candidate))))
+    found = difflib.get_close_matches(wanted, close, n=1, cutoff=0.6)
     return f"Did you mean {folded[found[0]]}?" if found else ""

@@ -312,6 +312,21 @@ def test_a_row_of_another_form_is_left_to_the_exact_reader(csv, row):
     assert read_clean_of(csv(f"a,b\n1,2\n{row}\n5,6\n7,8\n")) is None
 
 
+def test_a_table_of_very_many_columns_is_read(csv):
+    count = 20_000
+    names = ",".join(f"n{i % (count // 2)} [{'rpm' if i < count // 2 else 'Nm'}]" for i in range(count))
+    rows = "".join(",".join([f"{k}", *["1.5"] * count]) + "\n" for k in range(5))
+    data = read(csv(f"time,{names}\n{rows}"), ["n7 [Nm]", "n7 [rpm]"])
+    assert [c.name for c in data.values()] == ["n7 [rpm]", "n7 [Nm]"]
+    assert data.samples == 5
+
+
+def test_many_lines_of_very_many_columns_need_not_all_be_looked_at(csv, monkeypatch):
+    monkeypatch.setattr("kennfeld.measurement.text._HEAD_TEXT", 1000)
+    rows = "".join(f"{k / 10:.1f}{',1' * 99}\n" for k in range(60))
+    assert read(csv(f"time,{','.join(f'n{i}' for i in range(99))}\n{rows}")).samples == 60
+
+
 def test_a_damaged_packed_file_gives_findings_and_nothing_else(csv):
     content = gzip.compress(b"time,a\n" + b"".join(b"%d,%d\n" % (i, i * i) for i in range(200)))
     for mutant in mutants(content, 3, 300):

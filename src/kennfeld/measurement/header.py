@@ -1,5 +1,6 @@
 """Finds the names, the units and the first row of numbers at the top of a table."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -189,8 +190,9 @@ def _header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> H
     split = [("", "") if is_missing(cell) else split_name(str(cell)) for cell in rows[row]]
     raw = ["" if is_missing(cell) else " ".join(str(cell).split()) for cell in rows[row]]
     short = [name for name, _ in split]
+    shorts, raws = Counter(short), Counter(raw)
     # `p [bar]` beside `p [kPa]`: only the full heads tell them apart
-    names = [full if short.count(name) > raw.count(full) else name for name, full in zip(short, raw, strict=True)]
+    names = [full if shorts[name] > raws[full] else name for name, full in zip(short, raw, strict=True)]
     below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
     below = ["" if unit.casefold() in _LABELS else unit for unit in below]
     below += [""] * (len(names) - len(below))

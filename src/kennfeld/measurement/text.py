@@ -20,6 +20,8 @@ __all__ = ["dialect_of", "lines_of", "read_exactly", "read_tables"]
 
 BULK = 8_000_000  # bytes; below it the import of pandas costs more than it saves
 _HEAD_LINES = 200
+_HEAD_TEXT = 4_000_000  # characters, beyond which fewer lines tell enough of a table of very many columns
+_LEAST_LINES = 20
 _LINE = 16_000_000  # characters; no line of a measurement is longer
 _BLOCK = 4096  # rows
 
@@ -52,9 +54,11 @@ def dialect_of(source: Source) -> Dialect:
 
 
 def _limited(lines: Iterator[tuple[int, str]], count: int) -> Iterator[tuple[int, str]]:
+    size = 0
     for number_, line in lines:
-        if number_ > count:
+        if number_ > count or (number_ > _LEAST_LINES and size > _HEAD_TEXT):
             return
+        size += len(line)
         yield number_, line
 
 
