@@ -69,6 +69,7 @@ class Table:
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = field(default=())
     clock: Column | None = None  # the time, where the format itself says which column it is
+    remarks: tuple[Finding, ...] = ()  # warnings and remarks, which leave the table usable
     restarts: bool = False  # whether time that falls begins a new piece, as in a log that goes on after a restart
 
     def at(self, sample: int, *columns: Column) -> str:

@@ -1,18 +1,19 @@
 """A recording as the bytes of a Parquet file that gives back every bit of it."""
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import Finding
 
 __all__ = ["packed", "unpacked"]
 
 _NOTES = b"kennfeld"
-_KEPT = ("name", "channels", "time", "starts")  # what is written of a dataset
+_KEPT = ("name", "channels", "time", "starts", "remarks")  # what is written of a dataset
 
 
 def packed(dataset: Dataset) -> bytes | None:
@@ -32,6 +33,7 @@ def packed(dataset: Dataset) -> bytes | None:
         "channels": [[c.name, c.unit, c.description] for c in dataset.channels],
         "time": dataset.time is not None,
         "starts": dataset.starts.tolist(),
+        "remarks": [asdict(remark) for remark in dataset.remarks],
     }
     table = pa.table(
         [pa.array(np.ascontiguousarray(values)) for values in columns],
@@ -67,7 +69,8 @@ def unpacked(content: bytes, name: str) -> Dataset | None:
             Channel(label, values, unit, description)
             for (label, unit, description), values in zip(notes["channels"], columns, strict=True)
         )
-        return Dataset(name, channels, time, np.array(notes["starts"], dtype=np.int64))
+        remarks = tuple(Finding(**remark) for remark in notes["remarks"])
+        return Dataset(name, channels, time, np.array(notes["starts"], dtype=np.int64), remarks=remarks)
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -14,6 +14,7 @@ Row = Sequence[object]
 _LABELS = ("unit", "units", "einheit", "einheiten")  # what stands before the units of a row
 _HEADS = 5  # rows above the numbers in which names may stand
 _ENOUGH = 3  # rows of numbers that make a table; fewer may be settings above it
+_FEW = 10  # rows of numbers that may be a block above the table
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
     """
     shapes = [_shape(row, decimal) for row in rows]
     filled = [i for i, shape in enumerate(shapes) if shape.numbers or shape.texts]
-    fallback = None
+    first: tuple[Header, list[int]] | None = None
     for at, row in enumerate(filled[:-1]):
         found = _below(filled[at:], rows, shapes)
         if found is None:
@@ -62,10 +63,26 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         unit_row, data = found
         run = _run(filled[at:], shapes, data)
         made = _header(rows, *_raised(rows, shapes, row, unit_row, data), data)
-        if len(run) >= _ENOUGH or run[-1] == filled[-1] or not _settings(run, shapes):
+        complete = len(run) >= _FEW or run[-1] == filled[-1]
+        if first is None:
+            if complete:
+                return made
+            first = made, run
+        elif len(first[1]) < _ENOUGH and _settings(first[1], shapes):
+            if complete or len(run) >= _ENOUGH or not _settings(run, shapes):
+                return made
+        elif len(run) > len(first[1]) and _tells_more(made, first[0], rows, shapes):
             return made
-        fallback = fallback or made
-    return fallback
+    return first[0] if first else None
+
+
+def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:
+    """Whether a header further down is the one of the table, and what is above a block of numbers of its own.
+
+    It names more columns of numbers, or the time where the first one does not.
+    """
+    named = [sum(bool(h.names[i]) for i in shapes[h.data].numbers if i < len(h.names)) for h in (later, first)]
+    return named[0] > named[1] or (named[0] == named[1] and _has_time(rows[later.row]) > _has_time(rows[first.row]))
 
 
 def _raised(

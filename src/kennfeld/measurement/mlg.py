@@ -145,7 +145,7 @@ def _column(name: str, signal: _Signal, blocks: _Blocks) -> Column:
         values += field.transform
     if field.scale != 1.0:
         values *= field.scale
-    values[~np.isfinite(values)] = np.nan
+    values[np.isnan(values)] = np.nan
     held = field.style in _SWITCHES or bool(field.bits)
     return Column(name, field.unit, name, values, held=held, description=_said(field))
 

@@ -38,7 +38,8 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
     for _, time, columns, values in groups:
         found = values if raster is None else resample_all(time, values, stamps, [c.held for c in columns])
         channels += [Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)]
-    return Dataset(name, tuple(channels), frozen(stamps))
+    remarks = tuple(dict.fromkeys(remark for table, *_ in groups for remark in table.remarks))
+    return Dataset(name, tuple(channels), frozen(stamps), remarks=remarks)
 
 
 def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[Finding]:

@@ -11,6 +11,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.measurement.assemble import assemble
 from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
+from kennfeld.measurement.infinite import without_infinite
 from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, guarded, locate
 from kennfeld.measurement.timelines import timelines
@@ -46,7 +47,7 @@ def read(
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
     Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
-    read over the time they share.
+    read over the time they share. Infinite values are missing ones; the dataset's `remarks` count them.
 
     Args:
         path: the file; a sheet of a workbook may be named behind a `#`, `bench.xlsx#Data`.
@@ -123,7 +124,7 @@ def _reader(source: Source) -> Any:
 def _tables(source: Source, selection: Selection) -> list[Table]:
     reader = _reader(source)
     tables: list[Table] = guarded(source.name, lambda: reader.read_tables(source, selection))
-    return tables
+    return [without_infinite(table) for table in tables]
 
 
 def _only(source: Source, tables: Sequence[Table]) -> Table:
