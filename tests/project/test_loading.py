@@ -319,4 +319,4 @@ def test_the_warmup_is_known_to_the_dataset_so_that_gaps_have_one_too(shop):
 
 def test_warnings_of_a_reader_are_those_of_the_project(shop):
     shop.bench("bench.csv", **{"Torque [Nm]": [15, 21.5, np.inf, 37.5, 43, -np.inf]})
-    assert shop.warning() == "bench.csv line 4, column Torque: 2 of 6 values are infinite and taken as missing"
+    assert shop.warnings()[0] == "bench.csv line 4, column Torque: 2 of 6 values are infinite and taken as missing"

@@ -1,11 +1,11 @@
 """A table as a reader leaves it: named columns of numbers, and where each sample stands in the file."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.measurement.cells import Decimal, is_dated, numbers, shown
 from kennfeld.measurement.header import Header
@@ -50,6 +50,13 @@ class Column:
     dated: bool = False
     held: bool = False  # whether values between two samples mean nothing: the first one holds until the next
     description: str = ""
+
+    def kept(self, rows: Bool) -> "Column":
+        """Return the column with these samples alone."""
+        place = np.cumsum(rows) - 1
+        texts = tuple((int(place[sample]), cell) for sample, cell in self.texts if rows[sample])
+        count = self.text_count - (len(self.texts) - len(texts))
+        return replace(self, values=self.values[rows], texts=texts, text_count=count)
 
     @property
     def is_text(self) -> bool:

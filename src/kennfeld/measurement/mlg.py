@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
@@ -163,7 +163,7 @@ def _table(place: str, head: Head, header: Header, columns: Sequence[Column], bl
     time = seconds(clock)
     good = _intact(blocks.records)
     marks = [(float(time[min(at, time.size - 1)]), text) for at, text in blocks.marks]
-    kept = [_part(c, good) for c in (columns if named else [clock, *columns])]
+    kept = [c if good.all() else c.kept(good) for c in (columns if named else [clock, *columns])]
     return Table(
         place,
         tuple(kept),
@@ -174,10 +174,6 @@ def _table(place: str, head: Head, header: Header, columns: Sequence[Column], bl
         restarts=True,
         clock=kept[0 if named is None else next(i for i, c in enumerate(columns) if c is named)],
     )
-
-
-def _part(column: Column, kept: Bool) -> Column:
-    return column if kept.all() else replace(column, values=column.values[kept])
 
 
 def _stamps(blocks: _Blocks) -> Column:

@@ -15,6 +15,7 @@ from kennfeld.measurement.infinite import without_infinite
 from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, guarded, locate
 from kennfeld.measurement.timelines import timelines
+from kennfeld.measurement.untimed import without_untimed
 
 __all__ = ["describe", "read"]
 
@@ -32,6 +33,7 @@ _READERS = {
     Kind.LVM: "lvm",
 }
 _TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS, Kind.LVM}  # kinds that may be packed by gzip
+_LOGS = {Kind.MLG, Kind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
 _RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
 
@@ -124,7 +126,8 @@ def _reader(source: Source) -> Any:
 def _tables(source: Source, selection: Selection) -> list[Table]:
     reader = _reader(source)
     tables: list[Table] = guarded(source.name, lambda: reader.read_tables(source, selection))
-    return [without_infinite(table) for table in tables]
+    tables = [without_infinite(table) for table in tables]
+    return [without_untimed(table) for table in tables] if source.kind in _LOGS else tables
 
 
 def _only(source: Source, tables: Sequence[Table]) -> Table:
