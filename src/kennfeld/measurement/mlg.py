@@ -156,13 +156,12 @@ def _said(field: Field) -> str:
 
 
 def _table(place: str, head: Head, header: Header, columns: Sequence[Column], blocks: _Blocks) -> Table:
-    named = next(
-        (c for c in columns if time_unit(c.name, c.unit) is not None and np.any(c.values != c.values[0])), None
-    )
+    named = next((c for c in columns if time_unit(c.name, c.unit) is not None and _varies(c.values)), None)
     clock = named or _stamps(blocks)
     time = seconds(clock)
     good = _intact(blocks.records)
-    marks = [(float(time[min(at, time.size - 1)]), text) for at, text in blocks.marks]
+    at = ((float(time[min(at, time.size - 1)]), text) for at, text in blocks.marks)
+    marks = [(moment if np.isfinite(moment) else None, text) for moment, text in at]
     kept = [c if good.all() else c.kept(good) for c in (columns if named else [clock, *columns])]
     return Table(
         place,
@@ -174,6 +173,11 @@ def _table(place: str, head: Head, header: Header, columns: Sequence[Column], bl
         restarts=True,
         clock=kept[0 if named is None else next(i for i, c in enumerate(columns) if c is named)],
     )
+
+
+def _varies(values: Float) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(known.size and np.any(known != known[0]))
 
 
 def _stamps(blocks: _Blocks) -> Column:

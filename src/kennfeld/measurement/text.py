@@ -11,7 +11,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.clean import read_clean
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table, capped
-from kennfeld.measurement.dialect import Dialect, encoding_of, find_dialect, is_comment, split
+from kennfeld.measurement.dialect import Dialect, find_dialect, is_comment, split
+from kennfeld.measurement.doubts import with_doubts
+from kennfeld.measurement.encoding import encoding_of
 from kennfeld.measurement.marks import KEPT, is_mark, marks_detail
 from kennfeld.measurement.sniff import Source
 from kennfeld.measurement.timing import find_time, seconds
@@ -34,8 +36,9 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
 
         table = read_bulk(source, dialect, selection)
         if table is not None:
-            return [table]
-    return [read_clean(source, dialect, selection) or read_exactly(source, dialect, selection)]
+            return [with_doubts(source, dialect, table)]
+    table = read_clean(source, dialect, selection) or read_exactly(source, dialect, selection)
+    return [with_doubts(source, dialect, table)]
 
 
 def dialect_of(source: Source) -> Dialect:
