@@ -11,6 +11,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.measurement.assemble import assemble
 from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
+from kennfeld.measurement.foreign import refuse_foreign
 from kennfeld.measurement.infinite import without_infinite
 from kennfeld.measurement.rasters import join
 from kennfeld.measurement.sniff import Kind, Source, guarded, locate
@@ -33,6 +34,8 @@ _READERS = {
     Kind.LVM: "lvm",
 }
 _TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS, Kind.LVM}  # kinds that may be packed by gzip
+_PLAIN = {Kind.CSV, Kind.XML, Kind.OTHER}  # kinds that no mark tells apart
+_HEAD = 4096  # bytes
 _LOGS = {Kind.MLG, Kind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
 _RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
@@ -101,6 +104,8 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     source = guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind is Kind.PACKED:
         raise InputError.of(source.name, "this is a packed file", "Unpack it first; of packed files, gzip is read.")
+    if source.kind in _PLAIN:
+        refuse_foreign(source.name, guarded(source.name, lambda: _start(source)))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
         raise InputError.of(
@@ -112,6 +117,11 @@ def _located(path: str | Path, sheet: str | None) -> Source:
         what = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
         raise InputError.of(source.name, what, "Leave the sheet out.")
     return source
+
+
+def _start(source: Source) -> bytes:
+    with source.open() as stream:
+        return stream.read(_HEAD)
 
 
 def _article(kind: str) -> str:
