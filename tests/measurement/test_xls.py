@@ -123,6 +123,12 @@ def test_a_cell_far_outside_is_refused(book):
         read(book(compound(stream)))
 
 
+def test_a_few_cells_far_apart_are_refused(book):
+    stream = records({"Data": ROWS}).replace(struct.pack("<HH", 60, 2), struct.pack("<HH", 65_000, 250))
+    with pytest.raises(InputError, match="a sheet has 186 cells, but spans 65001 rows and 251 columns"):
+        read(book(compound(stream)))
+
+
 def test_sheets_within_each_other_are_refused(book):
     stream = records({"Data": ROWS} | {f"Data{k}": [["a"]] for k in range(9)})
     places = [at for at in range(len(stream) - 4) if stream[at : at + 2] == b"\x85\x00"][:10]

@@ -15,6 +15,8 @@ _END, _SHEET, _TEXTS, _DIMENSIONS, _SEVERAL = 0x000A, 0x0085, 0x00FC, 0x0200, 0x
 _CELLS = frozenset((0x0006, 0x0203, 0x0204, 0x0205, 0x00FD, 0x027E, _SEVERAL))
 _ROWS, _COLUMNS = 65_536, 256
 _SHORTEST_TEXT = 3  # bytes
+_LARGE = 2_000_000  # cells of a rectangle, beyond which
+_FILLED = 0.01  # of them have to be there: the library makes room for all
 
 
 def check_records(stream: bytes, most_cells: int) -> None:
@@ -27,9 +29,11 @@ def check_records(stream: bytes, most_cells: int) -> None:
             _check_texts(int.from_bytes(stream[at + 4 : at + 8], "little"), len(stream) - at)
     cells = walked = 0
     for begin in sheets:
-        width, height, end = _extent(stream, begin)
+        width, height, filled, end = _extent(stream, begin)
         if width > _COLUMNS:
             raise ValueError(f"a sheet has a cell in column {width}")
+        if width * height > _LARGE and filled < _FILLED * width * height:
+            raise ValueError(f"a sheet has {filled} cells, but spans {height} rows and {width} columns")
         cells += width * height
         walked += end - begin
         if cells > most_cells:
@@ -43,20 +47,23 @@ def _check_texts(count: int, size: int) -> None:
         raise ValueError(f"it claims {count} texts in {size} bytes")
 
 
-def _extent(stream: bytes, begin: int) -> tuple[int, int, int]:
-    """Columns and rows that the cells of a sheet need, and where its records end."""
+def _extent(stream: bytes, begin: int) -> tuple[int, int, int, int]:
+    """Columns and rows that the cells of a sheet need, how many cells there are, and where its records end."""
     width = height = 1
+    filled = 0
     end = begin
     for kind, at, size in _records(stream, begin):
         end = at + size
         if kind in _CELLS and size >= 4:
             row, column = _PLACE.unpack_from(stream, at)
             if kind == _SEVERAL:
+                filled += size // 6 - 2
                 column = max(column, int.from_bytes(stream[end - 2 : end], "little"))
+            filled += 1
             width, height = max(width, column + 1), max(height, row + 1)
         elif kind == _DIMENSIONS:
             _check_dimensions(stream[at:end])
-    return width, height, end
+    return width, height, filled, end
 
 
 def _check_dimensions(content: bytes) -> None:
