@@ -9,6 +9,7 @@ with the number that makes it again: `--only NUMBER`.
 """
 
 import argparse
+import gzip
 import multiprocessing
 import os
 import random
@@ -46,6 +47,9 @@ def damaged(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     """A copy of a file with one to four kinds of damage; `other` is a file of the same kind."""
     if raw.startswith(b"PK\x03\x04") and draw.random() < 0.7:
         return _repacked(raw, draw)
+    if raw.startswith(b"\x1f\x8b") and draw.random() < 0.5:
+        content = gzip.decompress(raw)
+        return gzip.compress(draw.choice(_DAMAGES)(content, content, draw), mtime=0)
     for _ in range(draw.choice((1, 1, 1, 2, 4))):
         raw = draw.choice(_DAMAGES)(raw, other, draw)
     return raw
@@ -162,6 +166,7 @@ def _read(path: Path) -> bool:
     for work in (
         lambda: contents(path).lines(),
         *([lambda: _imported(path)] if path.suffix in (".slx", ".mdl") else []),
+        *([lambda: _checked(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1),
         lambda: measurement.read(path),
@@ -173,6 +178,13 @@ def _read(path: Path) -> bool:
             if not error.findings or not all(finding.what for finding in error.findings):
                 raise AssertionError("an error without findings") from error
     return good
+
+
+def _checked(path: Path) -> None:
+    """Check a project with all its files."""
+    from kennfeld.project import Project
+
+    Project.read(path).check()
 
 
 def _imported(path: Path) -> None:

@@ -1,5 +1,6 @@
 """Whole files of every format, made from a seed, for `fuzz.py` to damage."""
 
+import gzip
 import random
 import re
 import sys
@@ -102,6 +103,11 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".lvm": _lvm,
         ".mat": _mat,
         ".mat73": _mat73,
+        ".xls": _xls,
+        ".csv.gz": _gzipped(_csv),
+        ".txt.gz": _gzipped(_german),
+        ".msl.gz": _gzipped(_msl),
+        ".gbk.csv": _chinese,
     }
     for ending, write in writers.items():
         for number in range(3):
@@ -126,6 +132,36 @@ def _german(path: Path, numbers: np.random.Generator) -> None:
     columns = _columns(numbers)
     rows = (";".join(str(cell).replace(".", ",") for cell in row) for row in zip(*columns.values(), strict=True))
     path.write_text("\r\n".join(["# Prüfstand 3", "Zeit;Drehzahl;Last", "s;1/min;%", *rows]), encoding="cp1252")
+
+
+def _chinese(path: Path, numbers: np.random.Generator) -> None:
+    rows = (",".join(map(str, row)) for row in zip(*_columns(numbers).values(), strict=True))
+    path.write_text("\n".join(["时间 [s],转速 [rpm],负荷 [%]", *rows]), encoding="gb18030")
+
+
+def _gzipped(write: Callable[[Path, np.random.Generator], None]) -> Callable[[Path, np.random.Generator], None]:
+    def write_packed(path: Path, numbers: np.random.Generator) -> None:
+        write(path, numbers)
+        path.write_bytes(gzip.compress(path.read_bytes(), mtime=0))
+
+    return write_packed
+
+
+def _xls(path: Path, numbers: np.random.Generator) -> None:
+    from xls_files import Formula, xls
+
+    columns = _columns(numbers, int(numbers.integers(5, 400)))
+    rows = [["time", "Speed", "Load"], ["s", "rpm", "%"], *zip(*(c.tolist() for c in columns.values()), strict=True)]
+    path.write_bytes(xls({"Notes": [["a", True, Formula(2.0), Formula()]], "Data": rows}, short=len(rows) < 50))
+
+
+def _projects(seed: int) -> Iterator[Sample]:
+    """Project files and a training file, each beside its formula and recording."""
+    draw = random.Random(f"{seed}project")
+    rows = "".join(f"{k},{draw.random():.3f},{draw.random():.3f}\n" for k in range(40))
+    beside = {"sensor.kf": _FORMULA, "bench.csv": f"n,Load,Torque\n{rows}".encode()}
+    for name, text in (("project", _PROJECT), ("steps", _PROJECT + _STEPS), ("training", _TRAINING)):
+        yield Sample("project .toml", f"{name}.toml", {f"{name}.toml": text.encode(), **beside})
 
 
 def _excel(path: Path, numbers: np.random.Generator) -> None:
@@ -381,4 +417,80 @@ _A2L = """ASAP2_VERSION 1 71
 /end MODULE /end PROJECT
 """
 
-_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (_calibrations, _images, _tunes, _recordings, _models)
+_FORMULA = b"trq [Nm] = Gain(n) * Load + offset\n"
+
+_PROJECT = """# a project
+[model]
+file = "sensor.kf"
+
+[channels]
+Load = "Load"
+
+[calculated]
+double = "2 * Load"
+
+[units]
+n = "rpm"
+
+[[dataset]]
+files = ["bench.csv"]
+where = "Load < 0.9"
+weight = 1.0
+
+[calibration]
+output = ["dcm", "json"]
+
+[axes.AxisN]
+input = "n"
+breakpoints = [0, 10, 20, 39]
+
+[parameters.Gain]
+x = { axis = "AxisN" }
+initial = 1.0
+bounds = [-5, inf]
+smoothness = { x = 0.1 }
+gradient = { x = [0, inf] }
+pin = [{ at = [10], value = 1.0 }]
+
+[parameters.offset]
+initial = 0.0
+
+[[criterion]]
+node = "trq"
+target = { channel = "Torque" }
+loss = "huber"
+delta = 2.0
+
+[optimizer]
+max_iterations = 3
+"""
+
+_STEPS = """
+[[step]]
+free = ["Gain"]
+
+[[step]]
+free = ["*"]
+
+[[limit]]
+node = "trq"
+max = 50.0
+"""
+
+_TRAINING = """[surrogate]
+name = "torque"
+inputs = ["n", "Load"]
+output = "Torque"
+
+[[dataset]]
+files = "bench.csv"
+"""
+
+_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
+    _calibrations,
+    _images,
+    _tunes,
+    _recordings,
+    _models,
+    _projects,
+)

@@ -1,5 +1,6 @@
 """The commands as a user calls them; what they compute is tested where it is computed."""
 
+import gzip
 import json
 import math
 import os
@@ -743,3 +744,19 @@ class TestDiffAndMerge:
         assert cli.run(["merge", *arguments]) == 2
         assert said in capsys.readouterr().err
         assert everything_in(files) == before
+
+
+def test_a_file_that_ends_too_early_is_no_interrupt(tmp_path, capsys):
+    path = tmp_path / "drive.csv.gz"
+    path.write_bytes(gzip.compress(b"time,a\n0,1\n1,2\n")[:14])
+    assert cli.run(["info", str(path)]) == 2
+    assert "drive.csv.gz: the packed file is damaged or cut off" in capsys.readouterr().err
+
+
+def test_an_end_of_file_that_nobody_expects_is_not_taken_for_ctrl_c(monkeypatch):
+    def fail(*arguments):
+        raise EOFError("unexpected")
+
+    monkeypatch.setattr("kennfeld.terminal.contents.contents", fail)
+    with pytest.raises(EOFError, match="unexpected"):
+        cli.run(["info", "bench.csv"])

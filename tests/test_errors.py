@@ -1,6 +1,6 @@
 import pytest
 
-from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, nearest
+from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, nearest, visible
 
 
 def test_everything_raised_on_purpose_has_one_root():
@@ -57,3 +57,27 @@ def test_an_input_error_of_a_single_finding():
 )
 def test_the_nearest_name_is_offered(name, candidates, question):
     assert nearest(name, iter(candidates)) == question
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("Speed [1/min] °C µ ≥ 转速", "Speed [1/min] °C µ ≥ 转速"),
+        ("a\tb\nc", "a\tb\nc"),
+        ("a\x1b[31m\x07\x7f\x9b", r"a\u001b[31m\u0007\u007f\u009b"),
+        ("a\u202eb\u2066\u200b\ufeff\u2028", r"a\u202eb\u2066\u200b\ufeff\u2028"),
+        ("\U000e0041", r"\udb40\udc41"),
+    ],
+)
+def test_characters_that_act_on_a_terminal_become_escapes(text, shown):
+    assert visible(text) == shown
+    assert str(Finding(text, "is odd")) == f"{shown}: is odd"
+    assert str(ArgumentError(text)) == shown
+    assert str(InputError.of("a", text)) == f"a: {shown}"
+
+
+def test_the_nearest_of_very_many_names_is_found():
+    names = [f"Channel_{i}" for i in range(20_000)]
+    assert nearest("Chanel_17321", names) == "Did you mean Channel_17321?"
+    assert nearest("Torque", names) == ""
+    assert nearest("Torqe", [*names, "Torque"]) == "Did you mean Torque?"

@@ -90,7 +90,11 @@ def run(arguments: Sequence[str]) -> int:
         complain(_sentence(error))
     except OSError as error:
         complain(f"{error.filename or 'the system'}: {error.strerror or error}")
-    except (KeyboardInterrupt, typer.Abort):
+    except typer.Abort as abort:
+        if isinstance(abort.__cause__, EOFError):  # which typer takes for the end of what somebody types
+            raise abort.__cause__ from None
+        return INTERRUPTED
+    except KeyboardInterrupt:
         return INTERRUPTED
     return WRONG_INPUT
 

@@ -87,6 +87,7 @@ class Dataset(Mapping[str, Channel]):
     `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
     `settling` says how a model with memory runs on steady-state points.
     `clock` names the column that time was read from, if it was read from a file.
+    `remarks` are warnings and remarks of the reader, such as how many infinite values it takes as missing.
     Raises `ArgumentError` where lengths differ or time does not increase.
 
     >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
@@ -101,6 +102,7 @@ class Dataset(Mapping[str, Channel]):
     weight: float = 1.0
     use: Use = "training"
     scored: Bool | None = None  # Bool[samples]
+    remarks: tuple[Finding, ...] = ()
     max_gap: float = 0.0
     weight_channel: str = ""
     settling: Settling | None = None
@@ -180,7 +182,7 @@ class Dataset(Mapping[str, Channel]):
                 findings.append(Finding(f"dataset {name}", str(error), mend))
         if findings:
             raise InputError(findings)
-        return cls(name, tuple(channels), **attributes)
+        return cls(name, tuple(channels), **attributes).without_infinite()
 
     @property
     def samples(self) -> int:
@@ -202,6 +204,21 @@ class Dataset(Mapping[str, Channel]):
         """The same dataset with channels added, or replaced where the name is taken."""
         by_name = {channel.name: channel for channel in (*self.channels, *added)}
         return replace(self, channels=tuple(by_name.values()))
+
+    def without_infinite(self) -> Self:
+        """Return the dataset with NaN in place of infinite values, and a warning for each channel that has some."""
+        finite, remarks = [], []
+        for channel in self.channels:
+            infinite = np.isinf(channel.values)
+            if count := int(np.count_nonzero(infinite)):
+                channel = replace(channel, values=np.where(infinite, np.nan, channel.values))
+                place = f"dataset {self.name}, channel {channel.name}"
+                what = (
+                    f"{count} of {infinite.size} values {'is' if count == 1 else 'are'} infinite and taken as missing"
+                )
+                remarks.append(Finding(place, what, severity="warning"))
+            finite.append(channel)
+        return replace(self, channels=tuple(finite), remarks=(*self.remarks, *remarks)) if remarks else self
 
     def select(self, samples: ArrayLike) -> Self:
         """The samples of a steady-state dataset that an index array or a mask picks, in that order."""
@@ -244,4 +261,5 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     scored = None
     if any(part.scored is not None for part in parts):
         scored = np.concatenate([part.counting for part in parts])
-    return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored)
+    remarks = tuple(dict.fromkeys(remark for part in parts for remark in part.remarks))
+    return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored, remarks=remarks)

@@ -10,15 +10,43 @@ A fit that does not converge is no exception: it is a `Result` whose status says
 """
 
 import difflib
+import re
 import sys
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
+from heapq import nlargest
+from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import Literal
 
-__all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "nearest", "warn"]
+__all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "nearest", "visible", "warn"]
+
+_MANY = 1000  # names, beyond which only those that share the most pairs of letters are compared in full
+
+# control characters but tab and newline, and what is invisible or turns the direction of writing
+_UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u00ad\u061c\u180e\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
+    "\U000e0000-\U000e007f]"
+)
+
+
+def visible(text: str) -> str:
+    r"""Return the text with characters that act on a terminal or cannot be seen written as escapes.
+
+    Names in files are anybody's: they could colour, move or rewrite what a terminal shows. The escapes are those of
+    JSON, so that JSON text stays what it is.
+
+    >>> print(visible("Speed\x1b[31m"))
+    Speed\u001b[31m
+    """
+    return _UNSEEN.sub(lambda found: _escape(found[0]), text)
+
+
+def _escape(character: str) -> str:
+    units = character.encode("utf-16-be")
+    return "".join(f"\\u{units[k : k + 2].hex()}" for k in range(0, len(units), 2))
 
 
 @dataclass(frozen=True)
@@ -38,11 +66,14 @@ class Finding:
     def __str__(self) -> str:
         what = self.what if not self.mend or self.what.endswith((".", "?", "!")) else self.what + "."
         line = " ".join(part for part in (what, self.mend) if part)
-        return f"{self.place}: {line}" if self.place else line
+        return visible(f"{self.place}: {line}" if self.place else line)
 
 
 class KennfeldError(Exception):
     """Root of everything that Kennfeld raises on purpose."""
+
+    def __str__(self) -> str:
+        return visible(super().__str__())
 
 
 class InputError(KennfeldError):
@@ -89,5 +120,10 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
     """
     names = list(candidates)
     folded = {candidate.casefold(): candidate for candidate in names}
-    found = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.6)
+    wanted = name.casefold()
+    close: Iterable[str] = folded
+    if len(folded) > _MANY:  # a full comparison takes 20 us each, and a file may have 50 000 channels
+        pairs = {*pairwise(wanted)}
+        close = nlargest(_MANY, folded, key=lambda candidate: len(pairs.intersection(pairwise(candidate))))
+    found = difflib.get_close_matches(wanted, close, n=1, cutoff=0.6)
     return f"Did you mean {folded[found[0]]}?" if found else ""

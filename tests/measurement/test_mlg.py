@@ -126,6 +126,36 @@ def test_a_field_of_milliseconds_is_time_too(log):
     assert read(log(mlg(fields, rows(fields, (0, 1), (20, 2))))).time.tolist() == [0.0, 0.02]
 
 
+@pytest.mark.parametrize("first", [(np.nan,), (np.inf,), (900.0,), (np.nan, np.nan), (np.nan, 900.0)])
+def test_first_records_without_a_time_stamp_are_left_out_with_a_remark(log, first):
+    fields = [TIME, RPM]
+    values = [*((time, 7) for time in first), *((0.1 * k, 800 + k) for k in range(40))]
+    path = log(mlg(fields, rows(fields, *values)))
+    data = read(path)
+    assert data["RPM"].values.tolist() == [800 + k for k in range(40)]
+    assert data.starts.tolist() == [0]
+    remark = data.remarks[-1]
+    assert remark.severity == "remark"
+    assert str(remark).startswith(f"run.mlg record 1: {len(first)} record")
+    assert "left out, without a time stamp or later than the next one" in remark.what
+    assert describe(path).tables[0].samples == 40
+
+
+def test_records_without_a_time_stamp_in_between_are_left_out(log):
+    fields = [TIME, RPM]
+    path = log(mlg(fields, rows(fields, (0.0, 1), (np.nan, 2), (0.2, 3), (np.nan, 4), (0.4, 5))))
+    data = read(path)
+    assert data.time.tolist() == pytest.approx([0, 0.2, 0.4])
+    assert (data.remarks[0].severity, data.remarks[0].place) == ("warning", "run.mlg record 2")
+
+
+def test_a_restart_after_more_than_one_record_is_a_piece(log):
+    fields = [TIME, RPM]
+    data = read(log(mlg(fields, rows(fields, (5.0, 1), (5.1, 2), (0.0, 3), (0.1, 4)))))
+    assert data.starts.tolist() == [0, 2]
+    assert data.remarks == ()
+
+
 def test_infinite_numbers_are_missing(log):
     fields = [TIME, number("x")]
     values = read(log(mlg(fields, rows(fields, (0.0, np.inf), (1.0, np.nan), (2.0, 3.0)))))["x"].values

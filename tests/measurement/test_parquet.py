@@ -60,9 +60,10 @@ def test_text_asked_for_and_missing_channels_are_findings(parquet):
     assert "Did you mean Speed?" in str(caught.value)
 
 
-def test_values_without_end_are_placed_by_row(parquet):
-    with pytest.raises(InputError, match=r"bench.parquet row 2, column a: inf is not finite"):
-        read(parquet(pa.table({"a": [1.0, np.inf]})))
+def test_infinite_values_are_missing_and_placed_by_row(parquet):
+    data = read(parquet(pa.table({"a": [1.0, np.inf]})))
+    np.testing.assert_array_equal(data["a"].values, [1, np.nan])
+    assert str(data.remarks[0]) == "bench.parquet row 2, column a: 1 of 2 values is infinite and taken as missing"
 
 
 def test_a_file_without_rows_is_a_finding(parquet):

@@ -315,3 +315,8 @@ def test_the_warmup_is_known_to_the_dataset_so_that_gaps_have_one_too(shop):
     timed(shop)
     shop.change('"bench.csv"]', '"bench.csv"]\nwarmup = 0.2\nmax_gap = 0.5')
     assert (dataset(shop).warmup, dataset(shop).max_gap) == (0.2, 0.5)
+
+
+def test_warnings_of_a_reader_are_those_of_the_project(shop):
+    shop.bench("bench.csv", **{"Torque [Nm]": [15, 21.5, np.inf, 37.5, 43, -np.inf]})
+    assert shop.warnings()[0] == "bench.csv line 4, column Torque: 2 of 6 values are infinite and taken as missing"

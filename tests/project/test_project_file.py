@@ -96,6 +96,9 @@ def test_windows_paths_in_double_quotes_get_a_hint(shop):
         (b"PK\x03\x04\0\0", "this is no text but a binary file"),
         (b"a = " + b"[" * 5000, "brackets are nested too deeply"),
         (b"a = " + b"1" * 5000, "a value cannot be read"),
+        (b"[model]\na" + b".a" * 50_000 + b" = 1", "kennfeld.toml line 2: the key a.a.a"),
+        (b"[model" + b" . 'a b'" * 50_000 + b"]", "kennfeld.toml line 1: the key model . 'a b'"),
+        (b"x = {y = 1, a" + b".a" * 50_000 + b" = 1}", "has more than 32 names with dots between them"),
     ],
 )
 def test_other_files_under_the_name_are_told_apart(shop, content, expected):
@@ -103,6 +106,21 @@ def test_other_files_under_the_name_are_told_apart(shop, content, expected):
     path.write_bytes(content)
     with pytest.raises(InputError, match=expected.replace("(", r"\(")):
         Project.read(path)
+
+
+def test_a_project_file_of_many_megabytes_is_refused_unread(shop):
+    path = shop.path
+    with path.open("r+b") as file:
+        file.truncate(30_000_000)
+    with pytest.raises(InputError, match=r"the project file has 30 MB, at most 20 are read\. Put large tables"):
+        Project.read(path)
+
+
+def test_many_dots_in_texts_and_comments_are_no_deep_keys(shop):
+    dots = "-." * 100
+    path = shop.path
+    path.write_text(f"# {dots}\n{path.read_text()}\n[units]\nx = '{dots}'\n")
+    Project.read(path)
 
 
 def test_a_byte_order_mark_and_windows_line_ends_are_accepted(shop):

@@ -1,4 +1,6 @@
+import gzip
 import json
+import random
 import warnings
 import zipfile
 
@@ -283,3 +285,26 @@ def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):
         for row, line in enumerate([("time", "n"), ("s", "rpm"), (0, 700), (1, 800)]):
             sheet.write_row(row, 0, line)
     assert contents(tmp_path / "bench.xlsx").summary.startswith("bench.xlsx: measurement (Excel)")
+
+
+def test_a_packed_file_that_is_damaged_anywhere_is_named_as_such(tmp_path):
+    path, draw = tmp_path / "drive.csv.gz", random.Random(1)
+    whole = gzip.compress(b"time,a\n" + b"".join(b"%d,%d\n" % (i, i * i % 977) for i in range(5000)))
+    said = "drive.csv.gz: the packed file is damaged or cut off. Copy it anew from its source."
+    for at in range(10, len(whole), len(whole) // 40):
+        path.write_bytes(whole[:at])
+        with pytest.raises(InputError) as caught:
+            contents(path)
+        assert str(caught.value) == said
+        path.write_bytes(whole[:at] + draw.randbytes(9) + whole[at + 9 :])
+        with pytest.raises(InputError) as caught:
+            contents(path)
+        assert str(caught.value) == said
+
+
+@pytest.mark.parametrize("start", [b"BZh9", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf\x27\x1c"])
+def test_files_of_other_packers_are_to_be_unpacked(tmp_path, start):
+    path = tmp_path / "drive.csv.x"
+    path.write_bytes(start + bytes(200))
+    with pytest.raises(InputError, match=r"this is a packed file\. Unpack it first"):
+        contents(path)

@@ -9,7 +9,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, concatenate
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.cells import shown
-from kennfeld.measurement.columns import Column, Selection, Table, capped, text_findings
+from kennfeld.measurement.columns import Column, Selection, Table, text_findings
 from kennfeld.measurement.raster import grid, resample_all, samples_on
 from kennfeld.measurement.timing import clock_of, find_time, merge, pieces, seconds, time_findings, unit_remedy
 
@@ -22,11 +22,12 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
     """The dataset in a table; `InputError` with all that is wrong in the columns it needs."""
     time, channels = checked(table, selection, raster)
     if time is None:
-        return Dataset(name, tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels))
+        made = tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels)
+        return Dataset(name, made, remarks=table.remarks)
     stamps = seconds(time)
     parts = [_piece(name, stamps[k], channels, k, raster) for k in pieces(table, stamps)]
     whole = parts[0] if len(parts) == 1 else concatenate(name, parts)
-    return replace(whole, clock=clock_of(time))
+    return replace(whole, clock=clock_of(time), remarks=table.remarks)
 
 
 def _piece(name: str, time: Float, channels: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
@@ -51,7 +52,7 @@ def checked(table: Table, selection: Selection, raster: float | None = None) -> 
     channels = [c for c in table.columns if selection.includes(c.name) and _is_channel(c, time, selection)]
     found = [*table.findings, *_missing(table, selection), *_twice(table, channels)]
     needed = channels if time is None or time in channels else [time, *channels]
-    found += text_findings(table, needed) + _infinite(table, needed)
+    found += text_findings(table, needed)
     if not channels and not found and selection.channels is None:
         found.append(Finding(table.place, "holds no column of numbers beside time", "Is it the right file?"))
     if time is not None:
@@ -97,26 +98,8 @@ def _twice(table: Table, channels: Sequence[Column]) -> list[Finding]:
     ]
 
 
-def _infinite(table: Table, columns: Sequence[Column]) -> list[Finding]:
-    by_row: dict[int, list[Column]] = {}
-    unseen = 0
-    for column in columns:
-        at = np.flatnonzero(np.isinf(column.values))
-        unseen += max(at.size - 200, 0)
-        for sample in at[:200].tolist():
-            by_row.setdefault(sample, []).append(column)
-    mend = "Leave the cell empty where there is no value."
-    found = [
-        Finding(table.at(row, *held), f"{held[0].values[row]:g} is not finite", mend)
-        for row, held in sorted(by_row.items())
-    ]
-    return capped(found, table.place, "rows with values that are not finite", unseen)
-
-
 def _time(table: Table, column: Column, raster: float | None, channels: int) -> list[Finding]:
     time = seconds(column)
-    if not np.all(np.isfinite(time[~np.isnan(time)])):
-        return []  # reported as infinite already
     found = time_findings(table, column, time)
     if found or raster is None or not time.size:
         return found

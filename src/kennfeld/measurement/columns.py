@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.measurement.cells import Decimal, is_dated, numbers, shown
 from kennfeld.measurement.header import Header
@@ -53,6 +53,13 @@ class Column:
     held: bool = False  # whether values between two samples mean nothing: the first one holds until the next
     description: str = ""
 
+    def kept(self, rows: Bool) -> "Column":
+        """Return the column with these samples alone."""
+        place = np.cumsum(rows) - 1
+        texts = tuple((int(place[sample]), cell) for sample, cell in self.texts if rows[sample])
+        count = self.text_count - (len(self.texts) - len(texts))
+        return replace(self, values=self.values[rows], texts=texts, text_count=count)
+
     @property
     def is_text(self) -> bool:
         """Whether the column holds more text than numbers, so that it is no channel."""
@@ -71,6 +78,7 @@ class Table:
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = field(default=())
     clock: Column | None = None  # the time, where the format itself says which column it is
+    remarks: tuple[Finding, ...] = ()  # warnings and remarks, which leave the table usable
     restarts: bool = False  # whether time that falls begins a new piece, as in a log that goes on after a restart
 
     def with_units(self, units: Mapping[str, str]) -> "Table":

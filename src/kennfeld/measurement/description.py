@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import Finding
 from kennfeld.measurement.columns import Column, Table
+from kennfeld.measurement.infinite import without_infinite
 from kennfeld.measurement.timing import find_time, pieces, seconds
 
 __all__ = ["ChannelDescription", "Description", "TableDescription", "TimeDescription", "described"]
@@ -50,6 +52,7 @@ class TableDescription:
     left_out: tuple[str, ...]
     details: dict[str, str]
     ambiguous: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,7 @@ class Description:
 
 def described(table: Table) -> TableDescription:
     """The description of one table."""
+    table = without_infinite(table)
     time = find_time(table)
     channels = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
     kept = {c.name for c in channels}
@@ -82,6 +86,7 @@ def described(table: Table) -> TableDescription:
         None if time is None else _time(time),
         tuple(name for name in table.names if name and name not in kept),
         details,
+        remarks=table.remarks,
     )
 
 

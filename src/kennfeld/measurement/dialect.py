@@ -1,6 +1,5 @@
 """How a text file is written: encoding, separator and decimal mark, found from its first lines."""
 
-import codecs
 import csv
 import re
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.marks import is_mark
 from kennfeld.measurement.units import looks_like_unit
 
-__all__ = ["Dialect", "encoding_of", "find_dialect", "is_comment", "split"]
+__all__ = ["Dialect", "find_dialect", "is_comment", "split"]
 
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
@@ -40,26 +39,6 @@ class Dialect:
             ("decimal mark", {".": "point", ",": "comma"}[self.decimal]),
             ("names in line", str(self.header.row + 1)),
         )
-
-
-def encoding_of(start: bytes, whole: bool) -> str:
-    """The encoding of a file that begins with these bytes: by its mark, else UTF-8 if it is valid, else cp1252.
-
-    >>> encoding_of("Öl [°C]".encode("cp1252"), True), encoding_of("Öl [°C]".encode(), True)
-    ('cp1252', 'utf-8')
-    """
-    for mark, name in (
-        (codecs.BOM_UTF8, "utf-8-sig"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if start.startswith(mark):
-            return name
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(start, final=whole)
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
 
 
 def is_comment(line: str) -> bool:

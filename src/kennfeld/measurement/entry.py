@@ -8,11 +8,12 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Clock, Dataset
+from kennfeld.errors import Finding
 
 __all__ = ["packed", "unpacked"]
 
 _NOTES = b"kennfeld"
-_KEPT = ("name", "channels", "time", "starts", "clock")  # what is written of a dataset
+_KEPT = ("name", "channels", "time", "starts", "clock", "remarks")  # what is written of a dataset
 
 
 def packed(dataset: Dataset) -> bytes | None:
@@ -33,6 +34,7 @@ def packed(dataset: Dataset) -> bytes | None:
         "time": dataset.time is not None,
         "starts": dataset.starts.tolist(),
         "clock": None if dataset.clock is None else asdict(dataset.clock),
+        "remarks": [asdict(remark) for remark in dataset.remarks],
     }
     table = pa.table(
         [pa.array(np.ascontiguousarray(values)) for values in columns],
@@ -69,7 +71,9 @@ def unpacked(content: bytes, name: str) -> Dataset | None:
             for (label, unit, description), values in zip(notes["channels"], columns, strict=True)
         )
         clock = None if notes["clock"] is None else Clock(**notes["clock"])
-        return Dataset(name, channels, time, np.array(notes["starts"], dtype=np.int64), clock=clock)
+        remarks = tuple(Finding(**remark) for remark in notes["remarks"])
+        starts = np.array(notes["starts"], dtype=np.int64)
+        return Dataset(name, channels, time, starts, clock=clock, remarks=remarks)
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -1,16 +1,17 @@
 """Reads spreadsheets: xlsx, xlsm, xlsb, xls, ods."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import InputError, nearest
+from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.measurement.cells import is_missing
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.sniff import Source
-from kennfeld.workbooks import Workbook, column_letters, opened
+from kennfeld.workbooks import Unsaved, Workbook, column_letters, opened
 
 __all__ = ["read_tables"]
 
@@ -23,12 +24,24 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
         book = opened(source.name, stream)
         sheets = _sheets(source, book)
         tables = [_table(source, name, book.cells(name), selection) for name in sheets]
-    found = [table for table in tables if table is not None]
+        unsaved = [book.unsaved(name) for name in sheets]
+    found = [
+        _remarked(source, table, formulas) for table, formulas in zip(tables, unsaved, strict=True) if table is not None
+    ]
+    if not found and any(unsaved):
+        raise InputError(Finding(source.name, str(one), one.remedy) for one in unsaved if one is not None)
     if not found:
         where = f"sheet {sheets[0]}" if len(sheets) == 1 else f"none of its {len(sheets)} sheets"
         what = f"{where} holds {'no' if len(sheets) == 1 else 'a'} row of names with numbers below"
         raise InputError.of(source.name, what, "Put the names of the channels into the row above the numbers.")
     return found
+
+
+def _remarked(source: Source, table: Table, unsaved: Unsaved | None) -> Table:
+    if unsaved is None:
+        return table
+    what = f"{unsaved}; they are missing values"
+    return replace(table, remarks=(*table.remarks, Finding(source.name, what, unsaved.remedy, severity="warning")))
 
 
 def _sheets(source: Source, book: Workbook) -> list[str]:

@@ -1,5 +1,6 @@
 """Finds the names, the units and the first row of numbers at the top of a table."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ Row = Sequence[object]
 _LABELS = ("unit", "units", "einheit", "einheiten")  # what stands before the units of a row
 _HEADS = 5  # rows above the numbers in which names may stand
 _ENOUGH = 3  # rows of numbers that make a table; fewer may be settings above it
+_FEW = 10  # rows of numbers that may be a block above the table
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
     """
     shapes = [_shape(row, decimal) for row in rows]
     filled = [i for i, shape in enumerate(shapes) if shape.numbers or shape.texts]
-    fallback = None
+    first: tuple[Header, list[int]] | None = None
     for at, row in enumerate(filled[:-1]):
         found = _below(filled[at:], rows, shapes)
         if found is None:
@@ -61,10 +63,26 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         unit_row, data = found
         run = _run(filled[at:], shapes, data)
         made = _header(rows, *_raised(rows, shapes, row, unit_row, data), data)
-        if len(run) >= _ENOUGH or run[-1] == filled[-1] or not _settings(run, shapes):
+        complete = len(run) >= _FEW or run[-1] == filled[-1]
+        if first is None:
+            if complete:
+                return made
+            first = made, run
+        elif len(first[1]) < _ENOUGH and _settings(first[1], shapes):
+            if complete or len(run) >= _ENOUGH or not _settings(run, shapes):
+                return made
+        elif len(run) > len(first[1]) and _tells_more(made, first[0], rows, shapes):
             return made
-        fallback = fallback or made
-    return fallback
+    return first[0] if first else None
+
+
+def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:
+    """Whether a header further down is the one of the table, and what is above a block of numbers of its own.
+
+    It names more columns of numbers, or the time where the first one does not.
+    """
+    named = [sum(bool(h.names[i]) for i in shapes[h.data].numbers if i < len(h.names)) for h in (later, first)]
+    return named[0] > named[1] or (named[0] == named[1] and _has_time(rows[later.row]) > _has_time(rows[first.row]))
 
 
 def _raised(
@@ -189,8 +207,9 @@ def _header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> H
     split = [("", "") if is_missing(cell) else split_name(str(cell)) for cell in rows[row]]
     raw = ["" if is_missing(cell) else " ".join(str(cell).split()) for cell in rows[row]]
     short = [name for name, _ in split]
+    shorts, raws = Counter(short), Counter(raw)
     # `p [bar]` beside `p [kPa]`: only the full heads tell them apart
-    names = [full if short.count(name) > raw.count(full) else name for name, full in zip(short, raw, strict=True)]
+    names = [full if shorts[name] > raws[full] else name for name, full in zip(short, raw, strict=True)]
     below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
     below = ["" if unit.casefold() in _LABELS else unit for unit in below]
     below += [""] * (len(names) - len(below))

@@ -14,7 +14,8 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal
 from kennfeld.measurement.columns import Column, ColumnBuilder, Selection, Table, capped
 from kennfeld.measurement.description import TableDescription, described
-from kennfeld.measurement.dialect import encoding_of, split
+from kennfeld.measurement.dialect import split
+from kennfeld.measurement.encoding import encoding_of
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.naming import distinct
 from kennfeld.measurement.sniff import Source

@@ -14,7 +14,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.columns import Column, ColumnBuilder, Selection, Table, capped
-from kennfeld.measurement.dialect import encoding_of
+from kennfeld.measurement.encoding import encoding_of
 from kennfeld.measurement.naming import distinct
 from kennfeld.measurement.sniff import Source
 from kennfeld.measurement.text import lines_of

@@ -231,10 +231,10 @@ def _columns(item: _Loose, samples: int, last: bool = False) -> Iterator[Signal]
 
 
 def _float64(values: np.ndarray) -> Float:
-    """A copy in float64; NaN where it is infinite."""
+    """A copy in float64."""
     with np.errstate(invalid="ignore"):
         copied = np.array(values, dtype=np.float64)
-    copied[~np.isfinite(copied)] = np.nan
+    copied[np.isnan(copied)] = np.nan  # a NaN that signals would set off warnings later
     return copied
 
 

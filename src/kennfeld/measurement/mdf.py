@@ -88,8 +88,9 @@ def _description(source: Source, file: Any, own: Sequence[_Entry], ambiguous: tu
     if ambiguous:
         listed = ", ".join(ambiguous[:6]) + (", ..." if len(ambiguous) > 6 else "")
         details["names that others have too"] = listed
+    remarks = tuple(dict.fromkeys(remark for part in parts for remark in part.remarks))
     return TableDescription(
-        first.name, first.samples, (*first.channels, *more), first.time, left_out, details, ambiguous
+        first.name, first.samples, (*first.channels, *more), first.time, left_out, details, ambiguous, remarks
     )
 
 
@@ -394,11 +395,11 @@ def _unit(entry: _Entry, channel: Any, signal: Any) -> str:
 
 
 def _valid(samples: Any, invalid: Any) -> Float:
-    """As float64; NaN where the logger marked the sample as invalid, or it is infinite."""
+    """As float64; NaN where the logger marked the sample as invalid."""
     values = np.array(samples, dtype=np.float64)
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
-    values[~np.isfinite(values)] = np.nan  # a NaN that signals would set off warnings later
+    values[np.isnan(values)] = np.nan  # a NaN that signals would set off warnings later
     return values
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
@@ -145,7 +145,7 @@ def _column(name: str, signal: _Signal, blocks: _Blocks) -> Column:
         values += field.transform
     if field.scale != 1.0:
         values *= field.scale
-    values[~np.isfinite(values)] = np.nan
+    values[np.isnan(values)] = np.nan
     held = field.style in _SWITCHES or bool(field.bits)
     return Column(name, field.unit, name, values, held=held, description=_said(field))
 
@@ -156,14 +156,13 @@ def _said(field: Field) -> str:
 
 
 def _table(place: str, head: Head, header: Header, columns: Sequence[Column], blocks: _Blocks) -> Table:
-    named = next(
-        (c for c in columns if time_unit(c.name, c.unit) is not None and np.any(c.values != c.values[0])), None
-    )
+    named = next((c for c in columns if time_unit(c.name, c.unit) is not None and _varies(c.values)), None)
     clock = named or _stamps(blocks)
     time = seconds(clock)
     good = _intact(blocks.records)
-    marks = [(float(time[min(at, time.size - 1)]), text) for at, text in blocks.marks]
-    kept = [_part(c, good) for c in (columns if named else [clock, *columns])]
+    at = ((float(time[min(at, time.size - 1)]), text) for at, text in blocks.marks)
+    marks = [(moment if np.isfinite(moment) else None, text) for moment, text in at]
+    kept = [c if good.all() else c.kept(good) for c in (columns if named else [clock, *columns])]
     return Table(
         place,
         tuple(kept),
@@ -176,8 +175,9 @@ def _table(place: str, head: Head, header: Header, columns: Sequence[Column], bl
     )
 
 
-def _part(column: Column, kept: Bool) -> Column:
-    return column if kept.all() else replace(column, values=column.values[kept])
+def _varies(values: Float) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(known.size and np.any(known != known[0]))
 
 
 def _stamps(blocks: _Blocks) -> Column:

@@ -7,6 +7,7 @@ After a restart of the ECU the time may start anew and the lines of names and un
 from dataclasses import replace
 
 from kennfeld.measurement.columns import Selection, Table
+from kennfeld.measurement.doubts import with_doubts
 from kennfeld.measurement.sniff import Source
 from kennfeld.measurement.text import dialect_of, lines_of, read_exactly
 
@@ -24,4 +25,4 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
     table = read_exactly(source, replace(dialect, repeated=repeated), selection)
     first = next((line.strip('" ') for line in heads if line.strip('" ')), "")
     by = (("by", " ".join(first.split())[:80]),) if first else ()
-    return [replace(table, details=(*by, *table.details), restarts=True)]
+    return [with_doubts(source, dialect, replace(table, details=(*by, *table.details), restarts=True))]

@@ -17,7 +17,7 @@ def distinct(names: Sequence[str]) -> list[str]:
     found = []
     for name in names:
         free, k = name, last.get(name, 1)
-        while name and free in seen | (taken if free != name else set()):
+        while name and (free in seen or (free != name and free in taken)):
             k += 1
             free = f"{name} ({k})"
         last[name] = k

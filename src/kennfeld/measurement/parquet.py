@@ -1,5 +1,6 @@
 """Reads Parquet files."""
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -45,13 +46,13 @@ def _header(schema: Any) -> Header:
 
     names, units = [], []
     split = [split_name(field.name) for field in schema]
-    short = [name for name, _ in split]
+    short = Counter(name for name, _ in split)
     for field, (name, unit) in zip(schema, split, strict=True):
         notes = {key.decode(errors="replace").casefold(): value for key, value in (field.metadata or {}).items()}
         given = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
         if name.startswith(_INDEX):
             name = "time" if pa.types.is_timestamp(field.type) and "time" not in short else ""
-        names.append(field.name if short.count(name) > 1 else name)
+        names.append(field.name if short[name] > 1 else name)
         units.append(given or unit)
     return Header(0, 0, tuple(names), tuple(units))
 

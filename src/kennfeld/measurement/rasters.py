@@ -39,7 +39,9 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
         found = values if raster is None else resample_all(time, values, stamps, [c.held for c in columns])
         channels += [Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)]
     doubtful = [group[4] for group in groups if group[4].in_milliseconds]
-    return Dataset(name, tuple(channels), frozen(stamps), clock=(doubtful or [groups[0][4]])[0])
+    clock = (doubtful or [groups[0][4]])[0]
+    remarks = tuple(dict.fromkeys(remark for table, *_ in groups for remark in table.remarks))
+    return Dataset(name, tuple(channels), frozen(stamps), clock=clock, remarks=remarks)
 
 
 def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[Finding]:

@@ -1,20 +1,22 @@
 """Reads any measurement file: finds its kind and hands it to the reader for that kind."""
 
 import math
-import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
 from kennfeld.measurement.assemble import assemble
 from kennfeld.measurement.columns import Selection, Table
 from kennfeld.measurement.description import Description, described
+from kennfeld.measurement.foreign import refuse_foreign
+from kennfeld.measurement.infinite import without_infinite
 from kennfeld.measurement.rasters import join
-from kennfeld.measurement.sniff import Kind, Source, locate
+from kennfeld.measurement.sniff import Kind, Source, guarded, locate
 from kennfeld.measurement.timelines import timelines
+from kennfeld.measurement.untimed import without_untimed
 
 __all__ = ["describe", "read", "read_leniently"]
 
@@ -32,6 +34,9 @@ _READERS = {
     Kind.LVM: "lvm",
 }
 _TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS, Kind.LVM}  # kinds that may be packed by gzip
+_PLAIN = {Kind.CSV, Kind.XML, Kind.OTHER}  # kinds that no mark tells apart
+_HEAD = 4096  # bytes
+_LOGS = {Kind.MLG, Kind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
 _RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
 
@@ -48,7 +53,7 @@ def read(
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
     Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
-    read over the time they share.
+    read over the time they share. Infinite values are missing ones; the dataset's `remarks` count them.
 
     Args:
         path: the file; a sheet of a workbook may be named behind a `#`, `bench.xlsx#Data`.
@@ -117,7 +122,7 @@ def describe(path: str | Path) -> Description:
     if source.kind in _RASTERS:
         reader = _reader(source)
         return Description(
-            source.name, source.kind.value, _guarded(source.name, lambda: tuple(reader.describe_tables(source)))
+            source.name, source.kind.value, guarded(source.name, lambda: tuple(reader.describe_tables(source)))
         )
     tables = _tables(source, Selection())
     findings = [finding for table in tables for finding in table.findings]
@@ -127,21 +132,12 @@ def describe(path: str | Path) -> Description:
     return Description(source.name, source.kind.value, tuple(described(part) for part in parts))
 
 
-_T = TypeVar("_T")
-
-
-def _guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
-    """Run `work`; what the system or a packed file throws becomes a finding."""
-    try:
-        return work()
-    except (EOFError, zlib.error):
-        raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.") from None
-    except OSError as error:
-        raise InputError.of(name, f"cannot be read ({error.strerror or error})", "Check the file.") from None
-
-
 def _located(path: str | Path, sheet: str | None) -> Source:
-    source = _guarded(Path(path).name, lambda: locate(path, sheet))
+    source = guarded(Path(path).name, lambda: locate(path, sheet))
+    if source.kind is Kind.PACKED:
+        raise InputError.of(source.name, "this is a packed file", "Unpack it first; of packed files, gzip is read.")
+    if source.kind in _PLAIN:
+        refuse_foreign(source.name, guarded(source.name, lambda: _start(source)))
     if source.kind not in _READERS:
         what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
         raise InputError.of(
@@ -155,6 +151,11 @@ def _located(path: str | Path, sheet: str | None) -> Source:
     return source
 
 
+def _start(source: Source) -> bytes:
+    with source.open() as stream:
+        return stream.read(_HEAD)
+
+
 def _article(kind: str) -> str:
     spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML"))
     return f"{'an' if spoken else 'a'} {kind}"
@@ -166,8 +167,9 @@ def _reader(source: Source) -> Any:
 
 def _tables(source: Source, selection: Selection) -> list[Table]:
     reader = _reader(source)
-    tables: list[Table] = _guarded(source.name, lambda: reader.read_tables(source, selection))
-    return tables
+    tables: list[Table] = guarded(source.name, lambda: reader.read_tables(source, selection))
+    tables = [without_infinite(table) for table in tables]
+    return [without_untimed(table) for table in tables] if source.kind in _LOGS else tables
 
 
 def _only(source: Source, tables: Sequence[Table]) -> Table:

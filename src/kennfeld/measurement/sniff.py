@@ -2,14 +2,18 @@
 
 import struct
 import zipfile
+import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 from kennfeld.errors import InputError, nearest
 
-__all__ = ["Kind", "Source", "kind_of", "locate"]
+__all__ = ["Kind", "Source", "guarded", "kind_of", "locate"]
+
+_T = TypeVar("_T")
 
 
 class Kind(Enum):
@@ -35,6 +39,7 @@ class Kind(Enum):
     JSON = "JSON"
     PDF = "PDF"
     ZIP = "ZIP archive"
+    PACKED = "packed"
     OTHER = "binary"
 
 
@@ -48,10 +53,10 @@ _MAGIC = (
     (b"\x89HDF\r\n", Kind.HDF5),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", Kind.EXCEL),
     (b"%PDF", Kind.PDF),
-    (b"\x28\xb5\x2f\xfd", Kind.OTHER),
-    (b"BZh", Kind.OTHER),
-    (b"\xfd7zXZ", Kind.OTHER),
-    (b"7z\xbc\xaf", Kind.OTHER),
+    (b"\x28\xb5\x2f\xfd", Kind.PACKED),
+    (b"BZh", Kind.PACKED),
+    (b"\xfd7zXZ", Kind.PACKED),
+    (b"7z\xbc\xaf", Kind.PACKED),
 )
 _WORDS = (
     (b"<?xml", Kind.XML),
@@ -129,8 +134,25 @@ def _near(file: Path) -> str:
     return nearest(file.name, (other.name for other in file.parent.iterdir())) or "Check the path."
 
 
+def guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
+    """Run `work` on a file; what the system or a packed file throws becomes an `InputError`."""
+    try:
+        return work()
+    except (EOFError, zlib.error):
+        pass
+    except OSError as error:
+        if type(error).__name__ != "BadGzipFile":  # of a module that most runs do not need
+            what = f"cannot be read ({error.strerror or error})"
+            raise InputError.of(name, what, "Check the file.") from None
+    raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.")
+
+
 def kind_of(file: Path) -> tuple[Kind, bool]:
-    """The kind of a file and whether it is packed by gzip."""
+    """The kind of a file and whether it is packed by gzip. Raises `InputError` if it cannot be read."""
+    return guarded(file.name, lambda: _kind_of(file))
+
+
+def _kind_of(file: Path) -> tuple[Kind, bool]:
     with file.open("rb") as stream:
         start = stream.read(4096)
     if start.startswith(b"\x1f\x8b"):

@@ -11,7 +11,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.clean import read_clean
 from kennfeld.measurement.columns import ColumnBuilder, Selection, Table, capped
-from kennfeld.measurement.dialect import Dialect, encoding_of, find_dialect, is_comment, split
+from kennfeld.measurement.dialect import Dialect, find_dialect, is_comment, split
+from kennfeld.measurement.doubts import with_doubts
+from kennfeld.measurement.encoding import encoding_of
 from kennfeld.measurement.marks import KEPT, is_mark, marks_detail
 from kennfeld.measurement.sniff import Source
 from kennfeld.measurement.timing import find_time, seconds
@@ -20,6 +22,8 @@ __all__ = ["dialect_of", "lines_of", "read_exactly", "read_tables"]
 
 BULK = 8_000_000  # bytes; below it the import of pandas costs more than it saves
 _HEAD_LINES = 200
+_HEAD_TEXT = 4_000_000  # characters, beyond which fewer lines tell enough of a table of very many columns
+_LEAST_LINES = 20
 _LINE = 16_000_000  # characters; no line of a measurement is longer
 _BLOCK = 4096  # rows
 
@@ -32,8 +36,9 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
 
         table = read_bulk(source, dialect, selection)
         if table is not None:
-            return [table]
-    return [read_clean(source, dialect, selection) or read_exactly(source, dialect, selection)]
+            return [with_doubts(source, dialect, table)]
+    table = read_clean(source, dialect, selection) or read_exactly(source, dialect, selection)
+    return [with_doubts(source, dialect, table)]
 
 
 def dialect_of(source: Source) -> Dialect:
@@ -52,9 +57,11 @@ def dialect_of(source: Source) -> Dialect:
 
 
 def _limited(lines: Iterator[tuple[int, str]], count: int) -> Iterator[tuple[int, str]]:
+    size = 0
     for number_, line in lines:
-        if number_ > count:
+        if number_ > count or (number_ > _LEAST_LINES and size > _HEAD_TEXT):
             return
+        size += len(line)
         yield number_, line
 
 

@@ -72,7 +72,7 @@ def _part(table: Table, clock: Column, channels: Sequence[Column]) -> Table:
     for column in channels:
         rows |= ~np.isnan(column.values)
         rows[[sample for sample, _ in column.texts]] = True
-    own = tuple(_cut(column, rows) for column in (clock, *channels))
+    own = tuple(column.kept(rows) for column in (clock, *channels))
     return replace(
         table,
         columns=own,
@@ -81,9 +81,3 @@ def _part(table: Table, clock: Column, channels: Sequence[Column]) -> Table:
         details=(("group", clock.name), *table.details),
         clock=own[0],
     )
-
-
-def _cut(column: Column, rows: Bool) -> Column:
-    place = np.cumsum(rows) - 1
-    texts = tuple((int(place[sample]), cell) for sample, cell in column.texts)
-    return replace(column, values=column.values[rows], texts=texts)

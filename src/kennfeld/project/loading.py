@@ -183,6 +183,7 @@ class _Loading:
         for path in paths:
             part = self._recording(path, missed, listed)
             if part is not None:
+                self.findings += part.remarks
                 yield path, part
         self._report_missed(missed, listed)
 

@@ -17,11 +17,21 @@ _SECTION_TWICE = re.compile(r"Cannot (?:declare|redefine namespace|mutate immuta
 _KEY_TWICE = re.compile(r"Cannot overwrite a value|Duplicate inline table key '(.*)'")
 _LISTS = ("dataset", "criterion", "limit", "step")
 _WIDEST = 120
+_LARGEST = 20_000_000  # bytes
+_DEEPEST = 32  # names of a dotted key; the time and memory that tomllib takes grow with the square of it
+_NAME = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP_KEY = re.compile(
+    rf"(?:^[ \t]*\[{{0,2}}|[{{,])[ \t]*({_NAME}(?:[ \t]*\.[ \t]*{_NAME}){{{_DEEPEST}}})", re.MULTILINE
+)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises `InputError` where it is missing, no text, or no TOML."""
     text = _text(path)
+    if deep := _DEEP_KEY.search(text):
+        line = text.count("\n", 0, deep.start(1)) + 1
+        what = f"the key {deep[1][:40]}... has more than {_DEEPEST} names with dots between them"
+        raise InputError.of(f"{path.name} line {line}", what, "No key of a project file has more than three.")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -43,6 +53,9 @@ def is_training(tables: Mapping[str, Any]) -> bool:
 
 def _text(path: Path) -> str:
     try:
+        if path.stat().st_size > _LARGEST:
+            what = f"the project file has {path.stat().st_size / 1e6:.0f} MB, at most {_LARGEST / 1e6:.0f} are read"
+            raise InputError.of(path.name, what, "Put large tables into a calibration file, named by `initial`.")
         content = path.read_bytes()
     except FileNotFoundError:
         raise InputError([_missing(path)]) from None

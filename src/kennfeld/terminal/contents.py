@@ -181,6 +181,7 @@ def _measurement(found: measurement.Description) -> Contents:
             notes.append(
                 f"{table.name + ': ' if several else ''}time from {table.time.begin:g} s to {table.time.end:g} s{step}"
             )
+        notes += [f"{remark.severity}: {remark}" for remark in table.remarks]
         if table.left_out:
             notes.append(f"columns without numbers: {', '.join(table.left_out)}")
     size = " and ".join(f"{len(table.channels)} channels over {table.samples} samples" for table in found.tables)

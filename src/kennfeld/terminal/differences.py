@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from kennfeld.calfiles import Change, Comparison, Difference
+from kennfeld.terminal.output import Painted
 from kennfeld.terminal.table import aligned
 
 __all__ = ["changed", "differing", "labels"]
@@ -106,7 +107,7 @@ def _painted(lines: list[str], colours: list[str]) -> list[str]:
 
 
 def _paint(line: str, colour: str) -> str:
-    return f"{colour}{line}{_PLAIN}" if colour and line else line
+    return Painted(f"{colour}{line}{_PLAIN}") if colour and line else line
 
 
 def changed(changes: Iterable[Change], most: int = 50) -> list[str]:

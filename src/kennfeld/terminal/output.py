@@ -5,9 +5,15 @@ import sys
 from collections.abc import Iterable
 from typing import TextIO
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, visible
 
-__all__ = ["complain", "say"]
+__all__ = ["Painted", "complain", "say"]
+
+
+class Painted(str):
+    """A line with codes for colours of our own; all else in it is visible already."""
+
+    __slots__ = ()
 
 
 def say(*lines: str) -> None:
@@ -18,7 +24,7 @@ def say(*lines: str) -> None:
 def complain(*problems: Finding | str) -> None:
     """Print problems on stderr, each in one line; the excerpt that shows the place follows below."""
     for problem in problems:
-        excerpt = problem.excerpt.splitlines() if isinstance(problem, Finding) else []
+        excerpt = problem.excerpt.split("\n") if isinstance(problem, Finding) and problem.excerpt else []
         severity = problem.severity if isinstance(problem, Finding) else "error"
         line = " ".join(str(problem).split("\n"))
         _print(
@@ -27,9 +33,14 @@ def complain(*problems: Finding | str) -> None:
 
 
 def _print(stream: TextIO, lines: Iterable[str]) -> None:
-    """Characters that the stream cannot show become question marks; a reader that has gone away is no error."""
+    """Print lines whatever they hold.
+
+    Control characters of names become escapes, characters that the stream cannot show question marks; a reader that
+    has gone away is no error.
+    """
     encoding = stream.encoding or "utf-8"
-    text = "".join(f"{line}\n" for line in lines).encode(encoding, errors="replace").decode(encoding)
+    shown = (line if isinstance(line, Painted) else visible(line) for line in lines)
+    text = "".join(f"{line}\n" for line in shown).encode(encoding, errors="replace").decode(encoding)
     try:
         stream.write(text)
         stream.flush()

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from shutil import get_terminal_size
 
+from kennfeld.errors import visible
+
 __all__ = ["aligned"]
 
 GAP = "  "
@@ -20,6 +22,7 @@ def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str
     >>> aligned([("dataset", "RMSE"), ("bench", "1.75")], width=10)
     ['dataset  bench', 'RMSE     1.75']
     """
+    rows = [[visible(cell).replace("\n", "\\u000a") for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     if sum(widths) + len(GAP) * (len(widths) - 1) > (width or get_terminal_size((ENDLESS, 24)).columns):
         return _blocks(rows)

@@ -9,7 +9,10 @@ from typing import Any, BinaryIO
 
 from kennfeld.archives import overgrown
 from kennfeld.errors import InputError
+from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.binary import check_end, extent_of
+from kennfeld.workbooks.compound import MAGIC, workbook_stream
+from kennfeld.workbooks.formulas import Unsaved, unsaved_formulas
 from kennfeld.workbooks.panic import panics
 from kennfeld.workbooks.places import OVERLAP, extent_of_text
 
@@ -26,9 +29,9 @@ _ANEW = "Open it in Excel and save it anew."
 class Workbook:
     """A workbook whose sheets are read when they are asked for."""
 
-    def __init__(self, name: str, book: Any) -> None:
+    def __init__(self, name: str, book: Any, content: BinaryIO) -> None:
         self.name = name
-        self._book = book
+        self._book, self._content = book, content
 
     @property
     def names(self) -> list[str]:
@@ -54,6 +57,16 @@ class Workbook:
             raise _damaged(self.name, error) from None
         return rows
 
+    def unsaved(self, sheet: str) -> Unsaved | None:
+        """The formulas of a sheet whose values were not saved, so that their cells look empty."""
+        try:
+            if not zipfile.is_zipfile(self._content):
+                return None
+            with zipfile.ZipFile(self._content) as archive:
+                return unsaved_formulas(archive, sheet)
+        except _damage() as error:
+            raise _damaged(self.name, error) from None
+
 
 def opened(name: str, content: BinaryIO | bytes) -> Workbook:
     """The workbook in an open file or in bytes, which stay open as long as it is used; `name` is for findings.
@@ -68,8 +81,11 @@ def opened(name: str, content: BinaryIO | bytes) -> Workbook:
             with zipfile.ZipFile(stream) as archive:
                 _check(name, archive)
         stream.seek(0)
+        if stream.read(len(MAGIC)) == MAGIC:
+            check_records(workbook_stream(MAGIC + stream.read()), _CELLS)
+        stream.seek(0)
         with panics():
-            return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream))
+            return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream), stream)
     except python_calamine.PasswordError:
         raise InputError.of(name, "the workbook is protected by a password", "Save it without one.") from None
     except _damage() as error:

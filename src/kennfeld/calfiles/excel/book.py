@@ -111,5 +111,7 @@ def opened(source: Source) -> Workbook:
 
 
 def sheet_of(book: Workbook, name: str) -> Sheet:
-    """The cells of a sheet; raises `InputError` where it is damaged."""
+    """The cells of a sheet; raises `InputError` if it is damaged, or formulas in it have no saved values."""
+    if (unsaved := book.unsaved(name)) is not None:
+        raise InputError.of(book.name, str(unsaved), unsaved.remedy)
     return Sheet(name, book.cells(name))

@@ -1,0 +1,71 @@
+"""The encoding of a text file, found from its first bytes."""
+
+import codecs
+from collections.abc import Container
+from dataclasses import dataclass
+
+__all__ = ["GUESSED", "encoding_of"]
+
+_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_MOST_COMMON = 0.8  # of the characters of two bytes
+
+
+@dataclass(frozen=True)
+class _Asian:
+    """An encoding of two bytes a character: which first and second bytes its common characters have."""
+
+    name: str
+    leads: Container[int]
+    trails: Container[int]
+    single: Container[int] = ()  # bytes above 0x7f that are characters by themselves
+
+
+_ASIAN = (
+    # symbols, Greek and the 3755 common characters; the others are as rare as adjacent umlauts are likely
+    _Asian("gb18030", frozenset((*range(0xA1, 0xAA), *range(0xB0, 0xD8))), range(0xA1, 0xFF)),
+    # symbols, kana and the 2965 common characters; katakana of half width
+    _Asian("cp932", range(0x81, 0x98), range(0x40, 0xFD), range(0xA1, 0xE0)),
+)
+GUESSED = {"gb18030": "GB18030 (Chinese)", "cp932": "Shift JIS (Japanese)"}  # what to call those that may be wrong
+
+
+def encoding_of(start: bytes, whole: bool) -> str:
+    """Return the encoding of a file that begins with these bytes.
+
+    By its mark; else UTF-8 if it is valid; else GB18030 or Shift JIS if it is valid and most characters are common
+    ones, for nearly any bytes are valid there; else cp1252.
+
+    >>> encoding_of("Öl [°C]".encode("cp1252"), True), encoding_of("Öl [°C]".encode(), True)
+    ('cp1252', 'utf-8')
+    >>> encoding_of("转速 [rpm]".encode("gbk"), True), encoding_of("回転数 [rpm]".encode("cp932"), True)
+    ('gb18030', 'cp932')
+    """
+    for mark, name in _MARKS:
+        if start.startswith(mark):
+            return name
+    if _is_valid(start, "utf-8", whole):
+        return "utf-8"
+    likely = (one.name for one in _ASIAN if _is_valid(start, one.name, whole) and _looks_like(start, one))
+    return next(likely, "cp1252")
+
+
+def _is_valid(start: bytes, encoding: str, whole: bool) -> bool:
+    try:
+        codecs.getincrementaldecoder(encoding)().decode(start, final=whole)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _looks_like(start: bytes, encoding: _Asian) -> bool:
+    """Whether most characters of two bytes are common ones."""
+    common = total = at = 0
+    while at + 1 < len(start):
+        lead, trail = start[at], start[at + 1]
+        if lead < 0x80 or lead in encoding.single:
+            at += 1
+            continue
+        total += 1
+        common += lead in encoding.leads and trail in encoding.trails
+        at += 2
+    return total > 0 and common >= _MOST_COMMON * total

@@ -1,0 +1,123 @@
+"""Finds the stream of a workbook in a compound file, the container of .xls, and checks its chains of sectors.
+
+The library that reads .xls follows these chains without a limit: one that leads back into itself takes all memory.
+
+Layout: Microsoft, [MS-CFB]: a header, then sectors; a table (FAT) holds the next sector of each, and short streams lie
+in short sectors within the stream of the root entry.
+"""
+
+import struct
+from collections.abc import Iterable, Iterator
+
+__all__ = ["MAGIC", "workbook_stream"]
+
+MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+
+_HEADER = 512
+_COUNTS = struct.Struct("<IIIIIIIII")  # at byte 40
+_END, _FREE = 0xFFFFFFFE, 0xFFFFFFFF
+_ENTRY = 128  # bytes of an entry of the directory
+_SHORT_SECTOR = 64
+_SHORT = 4096  # bytes; shorter streams lie in short sectors
+_STREAMS = ("workbook", "book")
+
+
+class _Compound:
+    """The sectors of a compound file, with their tables."""
+
+    def __init__(self, content: bytes) -> None:
+        if len(content) < _HEADER:
+            raise ValueError("the file is cut off")
+        self.content = content
+        (shift,) = struct.unpack_from("<H", content, 30)
+        if shift not in (9, 12):
+            raise ValueError(f"its sectors are of 2^{shift} bytes")
+        self.size = 1 << shift
+        self.sectors = max(-(-len(content) // self.size) - 1, 0)
+        directories, tables, directory, _, _, short_table, short_tables, further, further_count = _COUNTS.unpack_from(
+            content, 40
+        )
+        claimed = max(directories, tables, short_tables, further_count)
+        if claimed > self.sectors:
+            raise ValueError(f"it claims {claimed} sectors of one kind, but has {self.sectors} in all")
+        self.table = self._numbers(self._table_sectors(further))
+        self.entries = self._chained(directory)
+        self.short_table = self._numbers(self._chain(short_table))
+        start, _ = self._extent(0)
+        self.root = self._chained(start)
+
+    def stream(self, index: int) -> bytes:
+        """The content of an entry of the directory."""
+        start, length = self._extent(index)
+        if length >= _SHORT:
+            return self._chained(start)[:length]
+        chain = _followed(start, self.short_table, len(self.root) // _SHORT_SECTOR + 1)
+        return b"".join(self.root[_SHORT_SECTOR * k : _SHORT_SECTOR * (k + 1)] for k in chain)[:length]
+
+    def names(self) -> list[str]:
+        """The names of all entries, folded."""
+        raw = [self.entries[at : at + 64] for at in range(0, len(self.entries), _ENTRY)]
+        return [name.decode("utf-16-le", "replace").partition("\0")[0].casefold() for name in raw]
+
+    def _extent(self, index: int) -> tuple[int, int]:
+        """The first sector of an entry of the directory, and its bytes."""
+        entry = self.entries[_ENTRY * index : _ENTRY * (index + 1)].ljust(_ENTRY, b"\0")
+        start = int.from_bytes(entry[116:120], "little")
+        # files of version 3 may leave rubbish in the upper half
+        length = int.from_bytes(entry[120 : 124 if self.size == 512 else 128], "little")
+        if length > len(self.content):
+            raise ValueError(f"one of its streams claims {length} bytes, more than the file has")
+        return start, length
+
+    def _table_sectors(self, further: int) -> list[int]:
+        """The sectors of the FAT: the first 109 stand in the header, others in a chain of sectors of their own."""
+        found = list(struct.unpack_from("<109I", self.content, 76))
+        steps = 0
+        while further < self.sectors:
+            *more, further = self._numbers([further])
+            found += more
+            steps += 1
+            if steps > self.sectors:
+                raise ValueError("a chain of sectors leads back into itself")
+        sectors = [sector for sector in found if sector < _END]
+        if len(sectors) > self.sectors:
+            raise ValueError(f"it claims {len(sectors)} sectors of tables, but has {self.sectors} in all")
+        return sectors
+
+    def _chain(self, start: int) -> Iterator[int]:
+        return _followed(start, self.table, self.sectors)
+
+    def _chained(self, start: int) -> bytes:
+        return b"".join(map(self._sector, self._chain(start)))
+
+    def _numbers(self, sectors: Iterable[int]) -> tuple[int, ...]:
+        raw = b"".join(map(self._sector, sectors))
+        return struct.unpack(f"<{len(raw) // 4}I", raw[: len(raw) // 4 * 4])
+
+    def _sector(self, index: int) -> bytes:
+        begin = (index + 1) * self.size
+        return self.content[begin : begin + self.size]
+
+
+def workbook_stream(content: bytes) -> bytes:
+    """The records of the workbook in a compound file; empty if it has none, as an encrypted one.
+
+    Raises `ValueError` if a chain leads back into itself or a size is more than the file holds. A chain that leaves the
+    file ends there: what that damages is for the reader of the records to tell.
+    """
+    file = _Compound(content)
+    names = file.names()
+    for name in _STREAMS:
+        if name in names:
+            return file.stream(names.index(name))
+    return b""
+
+
+def _followed(start: int, table: tuple[int, ...], most: int) -> Iterator[int]:
+    """The sectors of a chain."""
+    sector, steps = start, 0
+    while sector < len(table):
+        yield sector
+        sector, steps = table[sector], steps + 1
+        if steps > most:
+            raise ValueError("a chain of sectors leads back into itself")

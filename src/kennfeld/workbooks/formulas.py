@@ -1,0 +1,79 @@
+"""Formulas of a workbook without their values, as programs leave them that write workbooks but compute nothing."""
+
+import re
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from html import unescape
+
+__all__ = ["Unsaved", "unsaved_formulas"]
+
+_CHUNK = 1 << 20
+_OVERLAP = 20_000  # bytes; more than a cell with the longest formula
+_BOOK, _LINKS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"
+_SHEET = re.compile(r"<(?:\w+:)?sheet\s[^>]*>")
+_LINK = re.compile(r"<(?:\w+:)?Relationship\s[^>]*>")
+_ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+# a cell of type str may hold an empty text, which is a value
+_CELL = re.compile(
+    rb"""<(?:\w+:)?c\s(?![^>]*\bt\s*=\s*["']str)[^>]*?\br\s*=\s*["']([A-Z]{1,3}[0-9]{1,7})["'][^>]*>\s*"""
+    rb"""(?:<(?:\w+:)?f\b[^>]*/>|<(?:\w+:)?f\b[^>]*>[^<]*</(?:\w+:)?f>)\s*"""
+    rb"""(?:<(?:\w+:)?v\s*/>|<(?:\w+:)?v>\s*</(?:\w+:)?v>)?\s*</(?:\w+:)?c>"""
+)
+
+
+@dataclass(frozen=True)
+class Unsaved:
+    """The formulas of a sheet whose values were not saved: how many, and the cell of the first one."""
+
+    sheet: str
+    count: int
+    first: str
+
+    def __str__(self) -> str:
+        several = self.count > 1
+        said = f"formula{'s' * several} whose value{'s were' if several else ' was'} not saved, in"
+        return f"sheet {self.sheet} holds {self.count} {said} {self.first}{' and others' * several}"
+
+    @property
+    def remedy(self) -> str:
+        """What helps."""
+        return "Open the workbook in Excel or LibreOffice, which compute them, and save it."
+
+
+def unsaved_formulas(archive: zipfile.ZipFile, sheet: str) -> Unsaved | None:
+    """Return the formulas without values of a sheet of an .xlsx or .xlsm; None if there are none."""
+    member = _member(archive, sheet)
+    if member not in archive.namelist():
+        return None
+    cells: dict[str, None] = {}
+    for text in _chunks(archive, member):
+        if b"<f" in text or b":f" in text:
+            cells |= dict.fromkeys(found.decode() for found in _CELL.findall(text))
+    return Unsaved(sheet, len(cells), next(iter(cells))) if cells else None
+
+
+def _chunks(archive: zipfile.ZipFile, member: str) -> Iterator[bytes]:
+    tail = b""
+    with archive.open(member) as stream:
+        while chunk := stream.read(_CHUNK):
+            yield tail + chunk
+            tail = chunk[-_OVERLAP:]
+
+
+def _member(archive: zipfile.ZipFile, sheet: str) -> str:
+    """The part that holds a sheet; empty if the book does not tell."""
+    if not {_BOOK, _LINKS} <= {*archive.namelist()}:
+        return ""
+    targets = {a.get("Id"): a.get("Target", "") for a in _attributes(_LINK, archive, _LINKS)}
+    for attributes in _attributes(_SHEET, archive, _BOOK):
+        if attributes.get("name") == sheet:
+            link = next((value for key, value in attributes.items() if key.endswith(":id")), "")
+            target = targets.get(link, "")
+            return target.lstrip("/") if target.startswith("/") else f"xl/{target}"
+    return ""
+
+
+def _attributes(element: re.Pattern[str], archive: zipfile.ZipFile, member: str) -> Iterator[dict[str, str]]:
+    for found in element.findall(archive.read(member).decode("utf-8", "replace")):
+        yield {key: unescape(one or other) for key, one, other in _ATTRIBUTE.findall(found)}

@@ -1,0 +1,59 @@
+"""Files that are given as measurements and are none: the message says what they are."""
+
+import gzip
+
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+ASC = """date Wed Sep 3 10:00:00 am 2014
+base hex  timestamps absolute
+internal events logged
+Begin Triggerblock Wed Sep 3 10:00:00 am 2014
+   0.015991 1  2ff             Rx   d 8 01 02 03 04 05 06 07 08
+   0.025991 1  2ff             Rx   d 8 01 02 03 04 05 06 07 08
+"""
+DBC = """VERSION ""
+
+NS_ :
+	NS_DESC_
+
+BU_: ECU1 ECU2
+
+BO_ 500 EngineData: 8 ECU1
+ SG_ Speed : 0|16@1+ (0.25,0) [0|8000] "rpm" ECU2
+"""
+DIADEM = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n1,WINDOWS 32Bit\n#ENDGLOBALHEADER\n200,Time\n202,s\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (ASC, "a Vector ASC file, a log of bus messages: it holds their bytes, not the values of signals. Decode it"),
+        (ASC.replace("date Wed", "// made by hand\ndate Wed"), "a Vector ASC file"),
+        (b"LOGG" + bytes(140), "a Vector BLF file"),
+        (";$FILEVERSION=2.1\n;$STARTTIME=43\n 1  3.3 DT 0300 Rx 7 00 00\n", "a PEAK TRC file"),
+        (DBC, "a CAN database (DBC), a database of bus messages: it describes signals and holds no samples of them."),
+        ("\ufeff" + DBC, "a CAN database (DBC)"),
+        ("/* x */\nLIN_description_file;\n", "a LIN database (LDF)"),
+        ('<?xml version="1.0"?>\n<AUTOSAR xmlns="x"></AUTOSAR>', "an AUTOSAR description (ARXML)"),
+        (DIADEM, "a DIAdem header file, which describes channels whose values lie in other files. Export"),
+        (b"TDSm" + bytes(60), "a TDMS file of National Instruments"),
+        ('<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x"></usi:tdm>', "a TDM file of National Instruments"),
+        (gzip.compress(ASC.encode()), "a Vector ASC file"),
+    ],
+)
+def test_a_file_of_another_kind_is_named(csv, content, said):
+    for work in (read, describe):
+        with pytest.raises(InputError) as caught:
+            work(csv(content, "run.x"))
+        assert str(caught.value).startswith(f"run.x: this is {said}")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["version,a\n1,2\n2,3\n", "base,hex\n1,2\n2,3\n", "VERSION;BO_\n1;2\n2;3\n", "BU_,NS_\n1,2\n2,3\n"],
+)
+def test_tables_with_such_words_are_read(csv, text):
+    assert read(csv(text)).samples == 2
