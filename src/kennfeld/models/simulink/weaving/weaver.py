@@ -34,7 +34,8 @@ class Weaver:
     """One pass over the blocks. `bound` gives the nodes of blocks that are cut, `clock` the steps of the model.
 
     `timing` knows sample times, `gates` conditional subsystems, `memories`, `continuous` and `contents` what lasts
-    until the next step, `visits` the order of the blocks, and `failures` what could not be built.
+    until the next step, `visits` the order of the blocks, `failures` what could not be built, and `remarks` what
+    blocks tell of themselves.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Weaver:
         self.needs = Needs(self.site, self.stores, self._ahead, self.failures)
         self.visits = Visits(self.loom, self.needs, agenda, self.failures, self._built)
         self.counts: dict[str, int] = {}
+        self.remarks: dict[str, None] = {}
         self.files = FunctionFiles(())
         self._sites: dict[Atom, Site] = {}
 
