@@ -209,7 +209,11 @@ class Work:
             if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
-        undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
+        undecided = dict.fromkeys(
+            f"{reader.path} {order} {writer.path}. Give both a Priority, since generated code may run them in another "
+            "order"
+            for writer, reader in weaver.stores.undecided
+        )
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.visits.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = [TYPES_LEFT] if conversions else []
