@@ -34,7 +34,7 @@ def _find(given: Arguments) -> "Value | tuple[Value, ...]":
         found = found[max(found.size - count, 0) :] if from_end else found[:count]
     is_row = values.ndim == 2 and values.shape[0] == 1 and values.shape[1] != 1
     shape = (1, -1) if is_row else (-1, 1)
-    if values.shape == (0, 0):
+    if values.shape == (0, 0) or (values.size == 1 and not found.size):
         shape = (0, 0)
     if given.outputs < 2:
         return (found + 1.0).reshape(shape)

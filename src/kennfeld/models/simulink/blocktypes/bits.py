@@ -9,7 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.words import Word, word_of
+from kennfeld.models.simulink.blocktypes.words import word_of
+from kennfeld.models.simulink.expressions import integer_types
+from kennfeld.models.simulink.expressions.integer_types import Word
 from kennfeld.models.simulink.expressions.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
@@ -18,7 +20,6 @@ __all__ = ["fitted", "stored"]
 
 _MOST = 2**53  # doubles know all whole numbers up to here
 _PAIRED = 32  # bits of numbers that are both signals
-_EXACT = 52  # bits of words whose numbers doubles know exactly
 _LEAST_SIGN = 2**7  # the bit of a sign in the shortest word
 _STATE = "Let the block that makes its input state an integer type, such as uint16, or bind it."
 
@@ -63,32 +64,7 @@ def stored(site: Site, index: int, otherwise: Word | None = None) -> Signal:
 
 def fitted(site: Site, x: Signal, word: Word) -> Signal:
     """A number as one of an integer type."""
-    whole = rounded(site, x, word.rounding)
-    if word.bits > _EXACT:
-        return whole
-    if word.saturates:
-        return site.clip(whole, site.constant(float(word.least)), site.constant(float(word.most)))
-    return _wrapped(site, whole, word)
-
-
-def rounded(site: Site, x: Signal, way: str) -> Signal:
-    """A number made whole in the way that a block states."""
-    match way:
-        case "Ceiling":
-            return site.call("ceil", x)
-        case "Zero" | "Simplest":
-            return site.truncated(x)
-        case "Nearest":
-            return site.call("floor", site.call("add", x, site.constant(0.5)))
-        case "Round":
-            return site.call("round", x)
-        case "Convergent":
-            half, two = site.constant(0.5), site.constant(2.0)
-            near = site.call("floor", site.call("add", x, half))
-            is_odd = site.call("ne", site.call("mod", near, two), site.constant(0.0))
-            is_tie = site.call("eq", site.call("sub", near, x), half)
-            return site.call("sub", near, site.call("and", is_tie, is_odd))
-    return site.call("floor", x)
+    return Signal(integer_types.fitted(site.loom, x.nodes, word), x.period)
 
 
 def _checked(word: Word | None) -> Word:
@@ -275,14 +251,6 @@ def _shifted(site: Site, x: Signal, by: Signal, way: str, word: Word) -> Signal:
     if way == "Right":
         return right
     left = by if way == "Left" else site.call("neg", by)
-    pushed = _wrapped(site, site.call("mul", x, site.call("pow", site.constant(2.0), left)), word)
+    shifted = site.call("mul", x, site.call("pow", site.constant(2.0), left))
+    pushed = Signal(integer_types.wrapped(site.loom, shifted.nodes, word), shifted.period)
     return pushed if way == "Left" else site.select(site.call("lt", by, site.constant(0.0)), pushed, right)
-
-
-def _wrapped(site: Site, x: Signal, word: Word) -> Signal:
-    """What of a number fits into a word."""
-    span = site.constant(2.0**word.bits)
-    if not word.signed:
-        return site.call("mod", x, span)
-    half = site.constant(2.0 ** (word.bits - 1))
-    return site.call("sub", site.call("mod", site.call("add", x, half), span), half)

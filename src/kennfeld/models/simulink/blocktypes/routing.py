@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.bits import fitted, stored
+from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
 from kennfeld.models.simulink.blocktypes.words import stated_word, word_of
 from kennfeld.models.simulink.expressions.arrays import towards_zero
 from kennfeld.models.simulink.expressions.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves, scalar

@@ -2,15 +2,14 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final
 
+from kennfeld.models.simulink.expressions.integer_types import Word, word_named
 from kennfeld.models.simulink.flattening.atoms import Atom, Source
 
-__all__ = ["Word", "converting", "stated_word", "word_named", "word_of"]
+__all__ = ["converting", "stated_word", "word_of"]
 
-_INTEGER = re.compile(r"(u?)int(8|16|32|64)\Z")
-_FIXED = re.compile(r"fixdt\(\s*([01])\s*,\s*(\d{1,3})\s*(?:,\s*0\s*)?\)\Z")
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _LONGEST_WAY = 200
 # block types whose output is of the type of these inputs unless the file states another one
@@ -35,41 +34,6 @@ _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
 # block types that state the type of a signal without making it: their values are whole already, or those of another
 _ONLY_STATING: Final = frozenset({*_LIKE_INPUT, "Constant", "Inport", "DataStoreMemory", "DataStoreRead", "Merge"})
 _ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
-
-
-@dataclass(frozen=True)
-class Word:
-    """An integer type: how many bits, and whether one of them is a sign.
-
-    `rounding` and `saturates` say how the block that states it makes whole numbers of others.
-    """
-
-    bits: int
-    signed: bool
-    rounding: str = "Floor"
-    saturates: bool = False
-
-    @property
-    def least(self) -> int:
-        """The smallest number.
-
-        >>> Word(8, True).least
-        -128
-        """
-        return -(2 ** (self.bits - 1)) if self.signed else 0
-
-    @property
-    def most(self) -> int:
-        """The largest number."""
-        return self.least + 2**self.bits - 1
-
-    def wrapped(self, number: int) -> int:
-        """The number that the lowest bits of another one are.
-
-        >>> Word(8, True).wrapped(217), Word(8, False).wrapped(-1)
-        (-39, 255)
-        """
-        return (number - self.least) % 2**self.bits + self.least
 
 
 def word_of(source: Source | None) -> Word | None:
@@ -118,19 +82,11 @@ def stated_word(atom: Atom) -> Word | None:
         word = word_named(written)
         if word is not None:
             saturates = (atom.block.value("SaturateOnIntegerOverflow") or "off") == "on"
-            return Word(word.bits, word.signed, atom.block.value("RndMeth") or "Floor", saturates)
+            return replace(word, rounding=atom.block.value("RndMeth") or "Floor", saturates=saturates)
         if written and not written.startswith("Inherit"):
             return None
     cast = _CAST.match((atom.block.value("Value") or "").strip()) if atom.kind == "Constant" else None
     return word_named(cast[1]) if cast is not None else None
-
-
-def word_named(written: str) -> Word | None:
-    """The integer type of a name, such as `int8` or `fixdt(1,8)`."""
-    if found := _INTEGER.match(written):
-        return Word(int(found[2]), found[1] == "")
-    fixed = _FIXED.match(written)
-    return Word(int(fixed[2]), fixed[1] == "1") if fixed else None
 
 
 def converting(atoms: Iterable[Atom]) -> tuple[str, ...]:
