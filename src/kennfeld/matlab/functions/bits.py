@@ -28,7 +28,10 @@ class _Class:
 def _class_of(given: Arguments, operands: int = 1) -> tuple[_Class, Arguments]:
     """The class whose bits are meant, of an operand or as named, and the arguments without that name."""
     names = [class_of(given.array(at)) for at in range(operands)]
-    name = next((one for one in names if one in INTEGERS), "uint64")
+    whole = dict.fromkeys(one for one in names if one in INTEGERS)
+    if len(whole) > 1:
+        raise NoValueError(f"{' and '.join(whole)} cannot be combined")
+    name = next(iter(whole), "uint64")
     if len(given) > 1 and given.is_text(len(given) - 1):
         stated = text(given[len(given) - 1])
         if stated not in INTEGERS:

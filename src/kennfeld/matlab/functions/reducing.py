@@ -149,8 +149,8 @@ REGISTERED["max"] = _extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepd
 def _diff(given: Arguments) -> Value:
     values = given.numbers(0)
     times = given.whole(1, 1) if len(given) > 1 and given.data(1).size else 1
-    if not 0 <= times <= 1000:
-        raise NoValueError("diff is taken up to 1000 times")
+    if not 1 <= times <= 1000:
+        raise NoValueError("diff is taken 1 to 1000 times")
     for _ in range(times):
         axis = given.dimension(2, values)
         if values.size == 1 and len(given) < 3:

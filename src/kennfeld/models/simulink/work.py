@@ -220,7 +220,7 @@ class Work:
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
             (*self.flat.chosen, *self.substitutions, *undecided, *note),
-            (*self.remarks, *weaver.remarks, *_types_left(self.flat.atoms)),
+            (*weaver.remarks, *_types_left(self.flat.atoms), *self.remarks),
             dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
             tuple(_calibratable(one, weaver.declared.sources) for one in weaver.declared.parameters.values()),
             reasons=dict(self.variables.undefined),

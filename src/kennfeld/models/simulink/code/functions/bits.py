@@ -27,7 +27,10 @@ def _word(given: Given, operands: int = 1) -> Word | None:
     stated = matlab_word(named) if named is not None else None
     if named is not None and stated is None:
         raise given.refuse(f"{named!r} is not a class of integers")
-    return word_of(*(given.array(at) for at in range(operands))) or stated
+    words = [word for at in range(operands) if (word := word_of(given.array(at))) is not None]
+    if len({(word.bits, word.signed) for word in words}) > 1:
+        raise given.refuse("its arguments are of different integer classes")
+    return words[0] if words else stated
 
 
 def _stored(given: Given, at: int, word: Word | None) -> Nodes:
@@ -102,6 +105,8 @@ def shifted(given: Given) -> Held:
             x = each(loom, "select", negative, each(loom, "add", x, constants(loom, 2.0**word.bits)), x)
     if given.name in ("bitsrl", "bitsra"):
         steps = each(loom, "neg", steps)
+    if word is not None and word.bits <= EXACT:  # further shifts leave nothing, and numbers that are no longer exact
+        steps = each(loom, "min", steps, constants(loom, float(word.bits)))
     moved = each(loom, "floor", each(loom, "mul", x, each(loom, "pow", constants(loom, 2.0), steps)))
     if word is not None and word.bits <= EXACT:
         return integers(wrapped(loom, moved, word), word)

@@ -108,7 +108,10 @@ def spread(given: Given) -> Held:
 def differences(given: Given) -> Held:
     """The differences of neighbours, once or several times."""
     loom, array = given.calls.loom, given.array(0)
-    for _ in range(given.whole(1) if len(given) > 1 and given.array(1).size else 1):
+    times = given.whole(1) if len(given) > 1 and given.array(1).size else 1
+    if times < 1:
+        raise given.refuse(f"the order {times} is not a whole number from 1")
+    for _ in range(times):
         axis = given.dimension(2, array)
         if array.size == 1 and len(given) < 3:
             return EMPTY

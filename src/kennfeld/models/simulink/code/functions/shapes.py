@@ -270,6 +270,8 @@ def triangle(given: Given) -> Held:
 def found(given: Given) -> Held | tuple[Held, ...]:
     """The places of the elements that are not 0, where that is fixed."""
     array = given.array(0)
+    if len(given) > 1 and given.whole(1) < 1:
+        raise given.refuse(f"{given.whole(1)} is not a number of elements")
     numbers = given.calls.desk.numbers(array, "the places that find tells")
     if numbers is None:
         return _first(given, array)
