@@ -143,3 +143,19 @@ TEXTS = [
 @pytest.mark.parametrize(("text", "value"), TEXTS)
 def test_texts_strings_and_cells_are_told_apart(text, value, tmp_path):
     np.testing.assert_allclose(outputs(body(f"y = {text} + 0*u;"), tmp_path), value)
+
+
+def test_an_extreme_passes_a_missing_value_on_with_its_place(tmp_path):
+    code = "[m, i] = max([u 0 v]);\n[l, k] = min([v u]);\ny = 1000*m + 100*i + 10*k + isnan(l);\n"
+    u, v = np.array([1.0, np.nan, 1.0, -2.0]), np.array([2.0, 2.0, np.nan, -3.0])
+    found = outputs(body(code), tmp_path, u=u, v=v)
+    np.testing.assert_array_equal(found, [2320.0, np.nan, np.nan, 210.0])
+    places = outputs(body("[~, i] = max([u 0 v]);\ny = i;"), tmp_path, u=u, v=v)
+    assert places.tolist() == [3.0, 1.0, 3.0, 2.0]
+
+
+@pytest.mark.parametrize(("text", "shape"), [("diff(zeros(3, 0))", [2, 0]), ("diff(zeros(1, 0))", [1, 0])])
+def test_differences_of_nothing_are_as_empty(text, shape, tmp_path):
+    found = outputs(body(f"y = size({text}, 1) + 10*size({text}, 2) + 0*u;"), tmp_path)
+    assert found[0] == shape[0] + 10 * shape[1]
+    assert list(evaluate(text).shape) == shape

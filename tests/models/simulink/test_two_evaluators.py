@@ -59,10 +59,8 @@ def is_missing(value):
 
 
 def is_intended(name, arguments):
-    """Whether a difference has the reason that is told for the function."""
-    if name in CASTS:
-        return True
-    return name in INTENDED and any(map(is_missing, arguments))
+    """Whether a difference has the reason that is told for the function; casts are compared with `double`."""
+    return name in INTENDED and name not in CASTS and any(map(is_missing, arguments))
 
 
 def as_double(value):
@@ -147,7 +145,8 @@ def differences(name):
     for texts, wanted in calls(name):
         arguments = [GIVEN[text] for text in texts]
         with np.errstate(all="ignore"):
-            number = in_scripts(name, arguments if name in OF_BITS else list(map(as_double, arguments)), wanted)
+            plain = arguments if name in OF_BITS else list(map(as_double, arguments))
+            number = in_scripts("double" if name in CASTS else name, plain, wanted)
             graph = in_code(name, arguments, wanted)
         if number is None or graph is None:
             continue

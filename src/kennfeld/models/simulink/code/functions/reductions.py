@@ -112,16 +112,17 @@ def differences(given: Given) -> Held:
     if times < 1:
         raise given.refuse(f"the order {times} is not a whole number from 1")
     for _ in range(times):
-        axis = given.dimension(2, array)
         if array.size == 1 and len(given) < 3:
             return EMPTY
-        if axis >= array.ndim or not array.size:
-            array = np.take(np.asarray(array).reshape(*array.shape, *(1,) * (axis + 1 - array.ndim)), [], axis=axis)
-            continue
-        size = array.shape[axis]
-        late, early = (np.take(array, range(*ends), axis=axis) for ends in ((1, size), (0, size - 1)))
-        array = each(loom, "sub", late, early)
+        array = each(loom, "sub", *_neighbours(array, given.dimension(2, array)))
     return array
+
+
+def _neighbours(array: Nodes, axis: int) -> tuple[Nodes, Nodes]:
+    """All elements along a dimension but the first, and all but the last."""
+    whole = np.asarray(array).reshape(array.shape + (1,) * (axis + 1 - array.ndim))
+    places = np.arange(whole.shape[axis])
+    return np.take(whole, places[1:], axis=axis), np.take(whole, places[:-1], axis=axis)
 
 
 @function("min", "max", least=1, most=3)
@@ -149,14 +150,14 @@ def _of_nothing(given: Given, array: Nodes) -> Nodes:
 
 
 def _placed(given: Given, array: Nodes) -> tuple[Held, ...]:
-    """The extreme and the first place where it is."""
+    """The extreme and the first place where it is; what is not a number counts as such."""
     loom, places = given.calls.loom, list[Nodes]()
-    better = "lt" if given.name == "min" else "gt"
+    worse = "ge" if given.name == "min" else "le"
 
     def fold(parts: list[Nodes]) -> Nodes:
         best, place = parts[0], np.full(parts[0].shape, loom.const(1.0), dtype=np.int64)
         for at, part in enumerate(parts[1:], 2):
-            wins = each(loom, better, part, best)
+            wins = each(loom, "and", each(loom, "not", each(loom, worse, part, best)), each(loom, "eq", best, best))
             place = each(loom, "select", wins, constants(loom, float(at)), place)
             best = each(loom, "select", wins, part, best)
         places.append(place)
@@ -197,6 +198,5 @@ def area(given: Given) -> Held:
 
 def _middles(given: Given, array: Nodes, axis: int) -> Nodes:
     """The means of neighbours along a dimension."""
-    loom, size = given.calls.loom, array.shape[axis]
-    late, early = (np.take(array, range(*ends), axis=axis) for ends in ((1, size), (0, size - 1)))
-    return each(loom, "mul", constants(loom, 0.5), each(loom, "add", late, early))
+    loom = given.calls.loom
+    return each(loom, "mul", constants(loom, 0.5), each(loom, "add", *_neighbours(array, axis)))
