@@ -252,6 +252,8 @@ def test_scripts_pass_over_nan_in_extremes():
 def test_options_of_sums_are_not_taken_for_a_dimension():
     assert evaluate("sum([1 2 3], 'double')").tolist() == [[6.0]]
     assert evaluate("sum([1 NaN 3], 'omitnan')").tolist() == [[4.0]]
+    assert evaluate("mean([1 NaN 3; 1 1 1], 2, 'omitnan')").tolist() == [[2.0], [1.0]]
+    assert evaluate("median([1 NaN 3], 'omitnan')").tolist() == [[2.0]]
     assert evaluate("max([1 NaN 3], [], 'omitnan')").tolist() == [[3.0]]
     with pytest.raises(MatlabError, match="reverse is not supported"):
         evaluate("cumsum([1 2 3], 'reverse')")

@@ -17,19 +17,18 @@ _Along = Callable[[Float, int], Array]
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing", "omitnan"})
 
 
-def _reduced(operation: _Along, of_nothing: float | bool | None, keeps: bool, of_missing: float | None) -> Function:
+def _reduced(operation: _Along, of_nothing: float | bool | None, keeps: bool, without_nan: _Along | None) -> Function:
     """A function of an array and a dimension; `keeps` the class of integers.
 
-    `of_nothing` is what it gives for no elements, `of_missing` what stands for those that are left out.
+    `of_nothing` is what it gives for no elements, `without_nan` computes it with NaN left out.
     """
 
     def run(given: Arguments) -> Value:
         given, words = _options(given)
         values = given.numbers(0)
-        if "omitnan" in words:
-            if of_missing is None:
-                raise NoValueError("omitnan is not supported here")
-            values = np.where(np.isnan(values), of_missing, values)
+        chosen = without_nan if "omitnan" in words else operation
+        if chosen is None:
+            raise NoValueError("omitnan is not supported here")
         if values.shape == (0, 0) and of_nothing is not None and len(given) == 1:
             return logical(of_nothing) if isinstance(of_nothing, bool) else scalar(of_nothing)
         values = values.reshape(-1, 1, order="F") if "all" in words else values
@@ -37,7 +36,7 @@ def _reduced(operation: _Along, of_nothing: float | bool | None, keeps: bool, of
         values = _with_axis(values, axis)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the mean of nothing is not a number
-            found = trimmed(operation(values, axis))
+            found = trimmed(chosen(values, axis))
         if found.dtype == np.bool_:
             return found
         return as_class(found, result_class(given.array(0)) if keeps else "double")
@@ -79,9 +78,16 @@ _SIMPLE: dict[str, tuple[_Along, float | bool | None, bool]] = {
     "cummin": (lambda values, axis: np.fmin.accumulate(values, axis=axis), None, True),
     "range": (lambda values, axis: np.ptp(values, axis=axis, keepdims=True), None, True),
 }
-_WITHOUT_MISSING = {"sum": 0.0, "prod": 1.0, "cumsum": 0.0, "cumprod": 1.0}
+_WITHOUT_NAN: dict[str, _Along] = {
+    "sum": lambda values, axis: np.nansum(values, axis=axis, keepdims=True),
+    "prod": lambda values, axis: np.nanprod(values, axis=axis, keepdims=True),
+    "mean": lambda values, axis: np.nanmean(values, axis=axis, keepdims=True),
+    "median": lambda values, axis: np.nanmedian(values, axis=axis, keepdims=True),
+    "cumsum": lambda values, axis: np.nancumsum(values, axis=axis),
+    "cumprod": lambda values, axis: np.nancumprod(values, axis=axis),
+}
 for _name, (_operation, _of_nothing, _keeps) in _SIMPLE.items():
-    REGISTERED[_name] = _reduced(_operation, _of_nothing, _keeps, _WITHOUT_MISSING.get(_name))
+    REGISTERED[_name] = _reduced(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
 
 
 def _deviation(root: bool) -> Function:
