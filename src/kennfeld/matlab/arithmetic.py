@@ -109,6 +109,8 @@ def _solved(one: Float, other: Float, budget: Budget) -> Float:
     budget.make(max(one.shape) * one.size / 10)
     if one.shape[0] == one.shape[1]:
         return _checked(lambda: np.linalg.solve(one, other))
+    if not (np.isfinite(one).all() and np.isfinite(other).all()):
+        return np.full((one.shape[1], other.shape[1]), np.nan)
     return _checked(lambda: np.linalg.lstsq(one, other, rcond=None)[0])
 
 

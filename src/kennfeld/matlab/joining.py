@@ -18,6 +18,7 @@ from kennfeld.matlab.values import (
     numbers,
     object_array,
     plain,
+    trimmed,
 )
 
 __all__ = ["cells", "joined", "joined_along"]
@@ -95,7 +96,7 @@ def _concatenated(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
     most = max(axis + 1, *(array.ndim for array in kept))
     padded = [array.reshape(array.shape + (1,) * (most - array.ndim)) for array in kept]
     try:
-        return np.concatenate(padded, axis=axis)
+        return trimmed(np.concatenate(padded, axis=axis))
     except ValueError:
         sizes = ", ".join(" x ".join(map(str, array.shape)) for array in kept[:4])
         where = "below each other" if axis == 0 else "side by side"

@@ -38,6 +38,7 @@ __all__ = [
     "scalar",
     "strings",
     "text",
+    "trimmed",
     "value_from",
     "whole",
 ]
@@ -150,8 +151,7 @@ def class_of(value: Value) -> str:
 
 def like(value: Value, data: Array) -> Value:
     """Other elements in the kind of array that a value is."""
-    while data.ndim > 2 and data.shape[-1] == 1:
-        data = data[..., 0]
+    data = trimmed(data)
     if isinstance(value, Cell):
         return Cell(data)
     return Struct(data, value.names, value.kind) if isinstance(value, Struct) else data
@@ -164,6 +164,13 @@ def data_of(value: Value) -> Array:
     if isinstance(value, Cell):
         return value.values
     return value.elements if isinstance(value, Struct) else object_array([value], (1, 1))
+
+
+def trimmed(array: Array) -> Array:
+    """An array without the dimensions of one element behind its second."""
+    while array.ndim > 2 and array.shape[-1] == 1:
+        array = array[..., 0]
+    return array
 
 
 def plain(value: Value) -> Array:

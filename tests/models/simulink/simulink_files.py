@@ -75,7 +75,7 @@ class Chart:
     `parents` are the states around states, junctions and functions; those of `parallel` have children that are active
     at once, and "" among them stands for the chart. A transition may have a fourth part, the state that it is drawn in,
     data an initial value, a size and a parent, events (name, scope, trigger) a parent. `functions` are states that are
-    functions, with their code in MATLAB or "" where they are drawn.
+    functions, with their code in MATLAB or "" where they are drawn. `types` are those of data by their names.
     """
 
     states: dict[str, str] = field(default_factory=dict)
@@ -89,6 +89,7 @@ class Chart:
     functions: dict[str, str] = field(default_factory=dict)
     settings: dict[str, str] = field(default_factory=dict)
     language: str = "C"
+    types: dict[str, str] = field(default_factory=dict)
 
     def ids(self):
         """The numbers of states and junctions by their names."""
@@ -531,7 +532,8 @@ def _content_xml(chart, holder=""):
         if parent == holder:
             array = f"<array>{_p('size', size)}</array>" if size else ""
             props = f"<props>{array}{_p('initialValue', initial) if initial else ''}</props>"
-            content.append(f'<data SSID="{200 + at}" name={quoteattr(name)}>{_p("scope", scope)}{props}</data>')
+            kind = _p("dataType", chart.types[name]) if name in chart.types else ""
+            content.append(f'<data SSID="{200 + at}" name={quoteattr(name)}>{_p("scope", scope)}{props}{kind}</data>')
     for at, one in enumerate(chart.events, 1):
         name, scope, trigger, parent = (*one, "")[:4]
         if parent == holder:
@@ -725,6 +727,7 @@ def _flat(given, chart, base):
         array = [_braces("array", _key("size", size))] if size else []
         props = _braces("props", *array, *([_key("initialValue", initial)] if initial else []))
         head = [f"id {base + 200 + at}", f"ssIdNumber {200 + at}", _key("name", name), f"scope {scope}"]
+        head += [_key("dataType", given.types[name])] if name in given.types else []
         content.append(_braces("data", *head, *([props] if array or initial else []), f"linkNode [{ids[parent]} 0 0]"))
     for at, one in enumerate(given.events, 1):
         name, scope, trigger, parent = (*one, "")[:4]

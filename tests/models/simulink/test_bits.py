@@ -6,6 +6,7 @@ from simulink_files import LAYOUTS, Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 
 WHOLE = np.array([0.0, 1.0, 5.0, 12.0, 100.0, 217.0, 255.0, -1.0, -37.0, 2.0**31, -(2.0**31)])
 OTHER = np.array([3.0, 255.0, 6.0, -4.0, 37.0, 90.0, 128.0, 77.0, -12.0, 2.0**31 + 5, -7.0])
@@ -39,6 +40,79 @@ def test_a_mask_is_applied_bit_by_bit(kind, mask, tmp_path):
     drawn = alone("Reference", special="Bitwise Operator", logicop=kind, UseBitMask="on", BitMask=mask)
     found = run(imported(drawn, tmp_path), {"u1": WHOLE})["y1"]
     assert found.tolist() == expected(lambda a: RULES[kind](a, MASKS[mask]), WHOLE)
+
+
+# values of int8, and what compiled C gives for them in an int8_t
+SMALL = [-128.0, -100.0, -39.0, -1.0, 0.0, 1.0, 38.0, 100.0, 127.0]
+IN_C = {
+    "u & 217": ("Bitwise Operator", {"logicop": "AND"}, [-128, -104, -39, -39, 0, 1, 0, 64, 89]),
+    "u | 217": ("Bitwise Operator", {"logicop": "OR"}, [-39, -35, -39, -1, -39, -39, -1, -3, -1]),
+    "u ^ 217": ("Bitwise Operator", {"logicop": "XOR"}, [89, 69, 0, 38, -39, -40, -1, -67, -90]),
+    "~(u & 217)": ("Bitwise Operator", {"logicop": "NAND"}, [127, 103, 38, 38, -1, -2, -1, -65, -90]),
+    "u | 128": ("Bit Set", {"iBit": "7"}, [-128, -100, -39, -1, -128, -127, -90, -28, -1]),
+    "u & ~128": ("Bit Clear", {"iBit": "7"}, [0, 28, 89, 127, 0, 1, 38, 100, 127]),
+}
+
+
+@pytest.mark.parametrize("operation", IN_C)
+def test_a_result_has_the_integer_type_of_the_input(operation, tmp_path):
+    kind, settings, values = IN_C[operation]
+    found = run(imported(typed(kind, 1, ["int8"], **settings), tmp_path), {"u1": SMALL})["y1"]
+    assert found.tolist() == values
+
+
+def test_a_constant_without_a_type_takes_that_of_the_other_input(tmp_path):
+    drawn = typed("Bitwise Operator", 2, ["int8", "Inherit: Inherit via back propagation"], logicop="AND",
+                  UseBitMask="off", NumInputPorts="2")  # fmt: skip
+    found = run(imported(drawn, tmp_path), {"u1": SMALL, "u2": [217.0] * len(SMALL)})["y1"]
+    assert found.tolist() == IN_C["u & 217"][2]
+
+
+@pytest.mark.parametrize(
+    ("settings", "values"),
+    [
+        ({}, [250, 254, 2, 3, 44, 56]),
+        ({"SaturateOnIntegerOverflow": "on"}, [0, 0, 2, 3, 255, 255]),
+        ({"RndMeth": "Ceiling"}, [251, 255, 3, 4, 44, 56]),
+        ({"RndMeth": "Zero"}, [251, 255, 2, 3, 44, 56]),
+        ({"RndMeth": "Nearest"}, [251, 255, 3, 4, 44, 56]),
+        ({"RndMeth": "Round"}, [250, 254, 3, 4, 44, 56]),
+        ({"RndMeth": "Convergent"}, [250, 254, 2, 4, 44, 56]),
+    ],
+)
+def test_bits_are_those_of_the_number_that_the_conversion_before_makes(settings, values, tmp_path):
+    drawn = typed("Bitwise Operator", 1, ["uint8"], logicop="OR", BitMask="0")
+    next(one for one in drawn.blocks if one.name == "T1").parameters |= settings
+    found = run(imported(drawn, tmp_path), {"u1": [-5.5, -1.5, 2.5, 3.5, 300.0, 312.0]})["y1"]
+    assert found.tolist() == values
+
+
+def test_stored_bits_are_read_as_another_type(tmp_path):
+    drawn = typed("x", 1, ["int8"])
+    drawn.blocks[0].kind, drawn.blocks[0].instance = "DataTypeConversion", None
+    drawn.blocks[0].parameters = {"OutDataTypeStr": "uint8", "ConvertRealWorld": "Stored Integer (SI)"}
+    found = run(imported(drawn, tmp_path), {"u1": [-1.0, -128.0, 100.0]})["y1"]
+    assert found.tolist() == [255.0, 128.0, 100.0]
+
+
+def test_what_an_unknown_type_could_change_is_told(tmp_path):
+    drawn = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="217")
+    assert any("B takes its mask as it is written" in one for one in reported(drawn, tmp_path))
+    drawn = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="127")
+    assert reported(drawn, tmp_path) == ()
+    assert any("B takes bit 7" in one for one in reported(alone("Reference", special="Bit Set", iBit="7"), tmp_path))
+
+
+def test_blocks_whose_integers_are_not_applied_are_told(tmp_path):
+    drawn = alone("Gain", Gain="3", OutDataTypeStr="int16")
+    assert reported(drawn, tmp_path) == (
+        "integer types are not applied by B: in Simulink they round, and wrap or saturate",
+    )
+    assert reported(alone("UnitDelay", OutDataTypeStr="int16"), tmp_path) == ()
+
+
+def reported(drawn, folder):
+    return import_simulink(drawn.write(folder)).report.remarks
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -103,7 +177,7 @@ def test_single_bits_are_set_and_cleared(tmp_path):
     for kind, rule in (("Bit Set", lambda a: a | 4), ("Bit Clear", lambda a: a & ~4)):
         found = run(imported(alone("Reference", special=kind, iBit="2"), tmp_path), {"u1": WHOLE})["y1"]
         assert found.tolist() == expected(rule, WHOLE)
-    with pytest.raises(InputError, match="bit 8 is the sign of its input of 8 bits, or beyond it"):
+    with pytest.raises(InputError, match="bit 8 is beyond its input of 8 bits"):
         imported(typed("Bit Set", 1, ["uint8"], iBit="8"), tmp_path)
 
 

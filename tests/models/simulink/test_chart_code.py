@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chart_runs import IO, U, V, drawn_chart, lone, muxed
-from simulink_files import Chart, Model
+from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 
 FUNCTIONS = Chart(
     {
@@ -208,3 +209,16 @@ def test_functions_that_a_chart_does_not_know_are_told(language, code, told, tmp
     chart = lone(f"during:\n{code}", [*IO, ("z", "LOCAL_DATA")], language=language)
     with pytest.raises(InputError, match=re.escape(told)):
         imported(drawn_chart(chart), tmp_path)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_bits_in_a_chart_are_those_of_the_types_of_its_data(layout, tmp_path):
+    code = "during:\ny = bitshift(k, 1);\nz = bitshift(uint8(u), 1);\nw = bitshift(k + 1, 1);\nk = u;"
+    data = [*IO, ("z", "OUTPUT_DATA"), ("w", "OUTPUT_DATA"), ("k", "LOCAL_DATA", "100")]
+    chart = lone(code, data, language="MATLAB", types={"k": "int8"})
+    report = import_simulink(drawn_chart(chart, outputs=("y", "z", "w")).write(tmp_path, layout))
+    found = run(report.model, {"u": [0.0, 3.0, 127.0, 200.0]})
+    assert found["y_out"][1:].tolist() == [-56.0, 6.0, -2.0]  # of 100, 3, 127 in int8
+    assert found["z_out"][1:].tolist() == [6.0, 254.0, 144.0]  # of 3, 127, 200 in uint8
+    assert found["w_out"][1:].tolist() == [-54.0, 8.0, -2.0]  # of 101, 4, 127: int8 ends there
+    assert any(one.startswith("integer types are not applied by C") for one in report.report.told)

@@ -5,6 +5,8 @@ import pytest
 from simulink_files import LAYOUTS, Model
 from simulink_runs import imported, run, slopes
 
+from kennfeld.models.simulink.importing import import_simulink
+
 U = np.random.default_rng(23).normal(size=30)
 T = 0.1
 SLOW = np.repeat(U[::3], 3)[: U.size]  # U at the hits of 0.3 s
@@ -85,3 +87,55 @@ def test_a_slower_sample_time_holds_a_signal(tmp_path):
 def test_signals_of_one_sample_time_pass(tmp_path):
     found = run(imported(drawn(slow="0.3", fast="0.3", X0="5"), tmp_path), {"u": U})["y"]
     np.testing.assert_allclose(found, 2 * SLOW)
+
+
+def scheduled(slow, fast, u, first):
+    """What the faster of two tasks reads of the slower one, which runs behind it; both periods in steps."""
+    buffer, shown, read = first, first, []
+    for k, value in enumerate(u):
+        if k % fast == 0:
+            shown = buffer
+        if k % slow == 0:
+            buffer = value
+        read.append(shown)
+    return np.array(read)
+
+
+TASKS = [{"SolverMode": "MultiTasking"}, {"SolverMode": "Auto"}, {"EnableMultiTasking": "on"}]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("settings", [{"Deterministic": "off"}, {"Integrity": "off"}])
+@pytest.mark.parametrize(("slow", "fast"), [(3, 2), (3, 1), (4, 2)])
+def test_a_faster_task_runs_before_the_slower_one(slow, fast, settings, layout, tmp_path):
+    made = drawn(f"{slow / 10}", f"{fast / 10}", X0="5", **settings)
+    made.solver |= TASKS[0]
+    found = run(imported(made, tmp_path, layout), {"u": U})
+    read = 2 * scheduled(slow, fast, U, 5.0)
+    np.testing.assert_allclose(found["y"], read)
+    before = np.repeat(np.concatenate([[0.0], read[::fast][:-1]]), fast)
+    np.testing.assert_allclose(found["z"], before[: U.size])
+
+
+@pytest.mark.parametrize("tasks", TASKS)
+def test_every_release_says_in_its_way_that_sample_times_are_tasks(tasks, tmp_path):
+    made = drawn("0.3", "0.2", X0="5", Deterministic="off")
+    made.solver |= tasks
+    found = import_simulink(made.write(tmp_path))
+    np.testing.assert_allclose(run(found.model, {"u": U})["y"], 2 * scheduled(3, 2, U, 5.0))
+    assert found.report.remarks == ()
+
+
+@pytest.mark.parametrize("tasks", [{"SolverMode": "SingleTasking"}, {"EnableMultiTasking": "off"}])
+def test_in_a_single_task_a_transition_shows_what_the_same_step_makes(tasks, tmp_path):
+    made = drawn("0.3", "0.2", X0="5", Deterministic="off")
+    made.solver |= tasks
+    found = import_simulink(made.write(tmp_path))
+    np.testing.assert_allclose(run(found.model, {"u": U})["y"], 2 * np.repeat(SLOW[::2], 2))
+    assert found.report.remarks == ()
+
+
+def test_what_the_tasks_would_decide_is_told_where_the_file_does_not_say_them(tmp_path):
+    remarks = import_simulink(drawn(Deterministic="off").write(tmp_path)).report.told
+    assert any(one.startswith("R passes on") and "Set Deterministic" in one for one in remarks)
+    assert import_simulink(drawn().write(tmp_path)).report.told == ()

@@ -45,6 +45,52 @@ def test_priorities_say_whether_a_data_store_is_read_before_it_is_written(reader
 def test_what_no_priority_decides_is_told(tmp_path):
     report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert any("data store" in one and "R" in one for one in report.substitutions)
+    assert any("Give both a Priority" in one for one in report.told)
+
+
+def tasks(reader, writer, mode, priorities):
+    """A data store that one sample time writes and another one reads, both in steps of 0.1 s."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.solver["SolverMode"] = mode
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="s", InitialValue="5")
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="s", SampleTime=str(writer / 10),
+                Priority=priorities[1])  # fmt: skip
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="s", SampleTime=str(reader / 10),
+                Priority=priorities[0])  # fmt: skip
+    drawn.outport("y")
+    drawn.line("u", "W")
+    drawn.line("R", "y")
+    return drawn
+
+
+def in_order(reader, writer, first):
+    """What is read where one of the two runs first in each step."""
+    held, shown, read = 5.0, 5.0, []
+    for k, value in enumerate(U):
+        for who in ("reader", "writer") if first == "reader" else ("writer", "reader"):
+            if who == "reader" and k % reader == 0:
+                shown = held
+            elif who == "writer" and k % writer == 0:
+                held = value
+        read.append(shown)
+    return read
+
+
+@pytest.mark.parametrize(
+    ("reader", "writer", "mode", "priorities", "first"),
+    [
+        (2, 3, "MultiTasking", ("2", "1"), "reader"),
+        (3, 2, "MultiTasking", ("1", "2"), "writer"),
+        (3, 1, "Auto", ("1", "2"), "writer"),
+        (2, 2, "MultiTasking", ("2", "1"), "writer"),
+        (2, 3, "SingleTasking", ("2", "1"), "writer"),
+        (3, 2, "SingleTasking", ("1", "2"), "reader"),
+    ],
+)
+def test_the_faster_of_two_tasks_comes_first_whatever_the_priorities(reader, writer, mode, priorities, first, tmp_path):
+    model = imported(tasks(reader, writer, mode, priorities), tmp_path)
+    np.testing.assert_allclose(run(model, {"u": U})["y"], in_order(reader, writer, first))
 
 
 def test_a_data_store_without_a_memory_is_told(tmp_path):

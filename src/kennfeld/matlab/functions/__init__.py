@@ -1,6 +1,7 @@
 """The functions of MATLAB that parameter scripts and block fields use, by family."""
 
 from kennfeld.matlab.functions import (
+    bits,
     elementary,
     making,
     polynomials,
@@ -15,4 +16,4 @@ from kennfeld.matlab.functions.registry import REGISTERED, Arguments, Function
 
 __all__ = ["REGISTERED", "Arguments", "Function"]
 
-_FAMILIES = (elementary, making, polynomials, reducing, searching, shaping, structures, texts, types)
+_FAMILIES = (bits, elementary, making, polynomials, reducing, searching, shaping, structures, texts, types)

@@ -10,7 +10,7 @@ from kennfeld.matlab.arithmetic import as_class, binary, result_class, unary
 from kennfeld.matlab.functions.registry import REGISTERED, Arguments, Function, function
 from kennfeld.matlab.values import Array, NoValueError, Value, class_of, plain
 
-__all__: list[str] = []
+__all__ = ["paired"]
 
 _Real = Callable[[Float], Float]
 
@@ -167,7 +167,7 @@ def _uminus(given: Arguments) -> Value:
 
 @function("xor", 2)
 def _xor(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: (one != 0) != (other != 0))
+    return paired(given, lambda one, other: (one != 0) != (other != 0))
 
 
 @function("round", 1, 2)
@@ -178,7 +178,7 @@ def _round(given: Arguments) -> Value:
     return as_class(np.where(np.isfinite(values), found, values), result_class(given.array(0)))
 
 
-def _paired(given: Arguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
+def paired(given: Arguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
     """An operation on two arguments with implicit expansion, in the class that they make together."""
     shape = binary("+", np.zeros(given.array(0).shape), np.zeros(given.array(1).shape), given.budget).shape
     most = len(shape)
@@ -190,76 +190,60 @@ def _paired(given: Arguments, operation: Callable[[Float, Float], Array], name: 
 
 @function("mod", 2)
 def _mod(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: np.where(other == 0, one, one - np.floor(one / other) * other))
+    return paired(given, _modulus)
+
+
+def _modulus(one: Float, other: Float) -> Float:
+    made = np.where(other == 0, one, one - np.floor(one / other) * other)
+    beyond = np.where(np.sign(one) * np.sign(other) < 0, other, one)
+    return np.where(np.isinf(other) & np.isfinite(one), beyond, made)
 
 
 @function("rem", 2)
 def _rem(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: np.where(other == 0, np.nan, np.fmod(one, other)))
+    return paired(given, lambda one, other: np.where(other == 0, np.nan, np.fmod(one, other)))
 
 
 @function("atan2", 2)
 def _atan2(given: Arguments) -> Value:
-    return _paired(given, np.arctan2)
+    return paired(given, np.arctan2)
 
 
 @function("atan2d", 2)
 def _atan2d(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: np.rad2deg(np.arctan2(one, other)))
+    return paired(given, lambda one, other: np.rad2deg(np.arctan2(one, other)))
 
 
 @function("hypot", 2)
 def _hypot(given: Arguments) -> Value:
-    return _paired(given, np.hypot)
+    return paired(given, np.hypot)
 
 
 @function("gcd", 2)
 def _gcd(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: np.gcd(_integers(one), _integers(other)).astype(np.float64))
+    return paired(given, lambda one, other: np.gcd(_integers(one), _integers(other)).astype(np.float64))
 
 
 @function("lcm", 2)
 def _lcm(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: np.lcm(_integers(one), _integers(other)).astype(np.float64))
+    return paired(given, lambda one, other: np.lcm(_integers(one), _integers(other)).astype(np.float64))
 
 
-@function("idivide", 2)
+_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": _rounded}
+
+
+@function("idivide", 2, 3)
 def _idivide(given: Arguments) -> Value:
-    return _paired(given, lambda one, other: np.trunc(one / other))
+    way = given.text(2).casefold() if len(given) > 2 else "fix"
+    if way not in _WAYS:
+        raise NoValueError(f"{way} is no way of rounding")
+    return paired(given, lambda one, other: _WAYS[way](one / other))
 
 
 def _integers(values: Float) -> Array:
     if not (np.isfinite(values) & (values == np.floor(values)) & (np.abs(values) < 2.0**53)).all():
         raise NoValueError("whole numbers are needed")
     return values.astype(np.int64)
-
-
-def _bits(operation: Callable[[Array, Array], Array]) -> Callable[[Arguments], Value]:
-    def run(given: Arguments) -> Value:
-        if any((given.numbers(at) < 0).any() for at in (0, 1)):
-            raise NoValueError("bits are those of numbers from 0")
-        return _paired(given, lambda one, other: operation(_integers(one), _integers(other)).astype(np.float64))
-
-    return run
-
-
-def _shifted(one: Array, count: Array) -> Array:
-    left, right = np.clip(count, 0, 62), np.clip(-count, 0, 62)
-    return np.asarray((one << left) >> right)
-
-
-for _name, _operation in (("bitand", np.bitwise_and), ("bitor", np.bitwise_or), ("bitxor", np.bitwise_xor)):
-    REGISTERED[_name] = Function(_bits(_operation), 2, 2)
-
-
-@function("bitshift", 2)
-def _bitshift(given: Arguments) -> Value:
-    return _paired(given, lambda one, count: _shifted(_integers(one), _integers(count)).astype(np.float64))
-
-
-@function("bitget", 2)
-def _bitget(given: Arguments) -> Value:
-    return _paired(given, lambda one, at: (_shifted(_integers(one), 1 - _integers(at)) & 1).astype(np.float64))
 
 
 @function("primes", 1)

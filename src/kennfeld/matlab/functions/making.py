@@ -7,7 +7,21 @@ import numpy as np
 
 from kennfeld.matlab.arithmetic import as_class, span
 from kennfeld.matlab.functions.registry import MANY, REGISTERED, Arguments, Function, function
-from kennfeld.matlab.values import EMPTY, INTEGERS, Cell, NoValueError, Value, like, numbers, object_array, row, text
+from kennfeld.matlab.values import (
+    EMPTY,
+    INTEGERS,
+    Cell,
+    NoValueError,
+    Value,
+    class_of,
+    like,
+    numbers,
+    object_array,
+    plain,
+    row,
+    scalar,
+    text,
+)
 
 __all__ = ["shape_from"]
 
@@ -18,7 +32,9 @@ def shape_from(values: Sequence[Value]) -> tuple[int, ...]:
     """The size that arguments ask for: none for 1 x 1, one number for a square, a vector, or a number for each."""
     if not values:
         return (1, 1)
-    given = [numbers(value).ravel() for value in values]
+    if any(isinstance(value, np.ndarray) and value.dtype.kind == "U" for value in values):
+        raise NoValueError("a size has to be a number, not a text")
+    given = [numbers(value).ravel(order="F") for value in values]
     if len(given) > 1 and any(one.size != 1 for one in given):
         raise NoValueError("each size has to be one number")
     sizes = [float(size) for one in given for size in one]
@@ -28,22 +44,15 @@ def shape_from(values: Sequence[Value]) -> tuple[int, ...]:
         raise NoValueError("a size has to be a whole number")
     if not 2 <= len(sizes) <= 32:
         raise NoValueError("an array has 2 to 32 dimensions")
-    return tuple(int(min(max(size, 0), 2**53)) for size in sizes)
+    shape = [int(min(max(size, 0), 2**53)) for size in sizes]
+    while len(shape) > 2 and shape[-1] == 1:
+        shape.pop()
+    return tuple(shape)
 
 
 def _filled(fill: float) -> Function:
     def run(given: Arguments) -> Value:
-        values, name = list(given.values), "double"
-        for at in range(len(values) - 1, -1, -1):
-            if given.is_text(at):
-                word = text(values[at])
-                if word in _CLASSES:
-                    name = word
-                    del values[at:]
-                elif word == "like":
-                    del values[at:]
-                else:
-                    raise NoValueError(f"{word} is no class of numbers")
+        values, name = _with_class(given)
         shape = shape_from(values)
         given.budget.make(math.prod(shape))
         made = np.full(shape, fill)
@@ -52,14 +61,32 @@ def _filled(fill: float) -> Function:
     return Function(run, 0, MANY)
 
 
-for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("inf Inf", math.inf), ("pi", math.pi)):
+def _with_class(given: Arguments) -> tuple[list[Value], str]:
+    """The sizes that a call asks for, and the class behind them."""
+    values, name = list(given.values), "double"
+    for at in range(len(values) - 1, -1, -1):
+        if given.is_text(at):
+            word = text(values[at])
+            if word not in (*_CLASSES, "like"):
+                raise NoValueError(f"{word} is no class of numbers")
+            name = class_of(plain(values[at + 1])) if word == "like" and at + 1 < len(values) else word
+            del values[at:]
+    return values, "double" if name == "like" else name
+
+
+for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("inf Inf", math.inf)):
     for _name in _names.split():
         REGISTERED[_name] = _filled(_fill)
 
 
+@function("pi", 0)
+def _pi(given: Arguments) -> Value:
+    return scalar(math.pi)
+
+
 def _constant(value: bool) -> Function:
     def run(given: Arguments) -> Value:
-        shape = shape_from(given.values)
+        shape = shape_from(_with_class(given)[0])
         given.budget.make(math.prod(shape))
         return np.full(shape, value)
 
@@ -71,16 +98,20 @@ REGISTERED["true"], REGISTERED["false"] = _constant(True), _constant(False)
 
 @function("cell", 0, MANY)
 def _cell(given: Arguments) -> Value:
-    shape = shape_from(given.values)
+    shape = shape_from(given.values) if len(given) else (0, 0)
     given.budget.make(10 * math.prod(shape))
     return Cell(object_array([EMPTY] * math.prod(shape), shape))
 
 
-@function("eye", 0, 2)
+@function("eye", 0, 4)
 def _eye(given: Arguments) -> Value:
-    shape = shape_from(given.values)
+    values, name = _with_class(given)
+    shape = shape_from(values)
+    if len(shape) > 2:
+        raise NoValueError("a matrix has two sizes")
     given.budget.make(math.prod(shape))
-    return np.eye(shape[0], shape[1])
+    made = np.eye(shape[0], shape[1])
+    return made != 0 if name == "logical" else as_class(made, name)
 
 
 @function("linspace", 2, 3)
@@ -109,13 +140,15 @@ def _colon(given: Arguments) -> Value:
 def _repmat(given: Arguments) -> Value:
     data, times = given.data(0), shape_from(given.values[1:])
     given.budget.make(data.size * math.prod(times))
-    return like(given[0], np.tile(data.reshape(data.shape + (1,) * (len(times) - data.ndim)), times))
+    most = max(data.ndim, len(times))
+    deeper = data.reshape(data.shape + (1,) * (most - data.ndim))
+    return like(given[0], np.tile(deeper, times + (1,) * (most - len(times))))
 
 
 @function("meshgrid", 1, 2)
 def _meshgrid(given: Arguments) -> tuple[Value, ...]:
-    x = given.numbers(0).ravel(order="F")
-    y = given.numbers(1).ravel(order="F") if len(given) > 1 else x
+    x = given.array(0).ravel(order="F")
+    y = given.array(1).ravel(order="F") if len(given) > 1 else x
     given.budget.make(2 * x.size * y.size)
     return tuple(np.ascontiguousarray(one) for one in np.meshgrid(x, y))
 

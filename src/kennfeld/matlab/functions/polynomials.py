@@ -51,8 +51,11 @@ def _conv(given: Arguments) -> Value:
     if not one.size or not other.size:
         raise NoValueError("conv needs two vectors")
     given.budget.make(one.size * other.size / 10 + one.size + other.size)
+    if any(values.ndim > 2 or 1 not in values.shape for values in (one, other)):
+        raise NoValueError("conv needs two vectors")
     found = np.convolve(one.ravel(), other.ravel())
-    return found.reshape(-1, 1) if one.shape[1] == 1 and one.size > 1 else row(found)
+    longer = one if one.size > other.size else other
+    return found.reshape(-1, 1) if longer.shape[0] > 1 else row(found)
 
 
 @function("roots", 1)

@@ -29,12 +29,14 @@ def _find(given: Arguments) -> "Value | tuple[Value, ...]":
     values = given.numbers(0)
     found = np.flatnonzero(values.ravel(order="F"))
     if len(given) > 1:
-        count = max(given.whole(1), 0)
+        count = given.whole(1)
+        if count < 1:
+            raise NoValueError(f"{count} is no number of elements")
         from_end = len(given) > 2 and given.text(2) == "last"
         found = found[max(found.size - count, 0) :] if from_end else found[:count]
     is_row = values.ndim == 2 and values.shape[0] == 1 and values.shape[1] != 1
     shape = (1, -1) if is_row else (-1, 1)
-    if values.shape == (0, 0):
+    if values.shape == (0, 0) or (values.size == 1 and not found.size):
         shape = (0, 0)
     if given.outputs < 2:
         return (found + 1.0).reshape(shape)

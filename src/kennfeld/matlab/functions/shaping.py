@@ -8,14 +8,16 @@ from kennfeld.matlab.arithmetic import transposed
 from kennfeld.matlab.functions.making import shape_from
 from kennfeld.matlab.functions.registry import MANY, Arguments, function
 from kennfeld.matlab.joining import joined_along
-from kennfeld.matlab.values import NoValueError, Value, like, logical, numbers, row, scalar
+from kennfeld.matlab.values import Array, NoValueError, Value, like, logical, numbers, row, scalar
 
 
 @function("size", 1, 2)
 def _size(given: Arguments) -> "Value | tuple[Value, ...]":
     shape = given.data(0).shape
     if len(given) > 1:
-        wanted = [int(at) for at in given.numbers(1).ravel() if at >= 1]
+        if any(at < 1 or at != math.floor(at) for at in given.numbers(1).ravel(order="F")):
+            raise NoValueError("a dimension has to be a whole number from 1")
+        wanted = [int(at) for at in given.numbers(1).ravel(order="F")]
         return row([shape[at - 1] if at <= len(shape) else 1 for at in wanted])
     if given.outputs < 2:
         return row(shape)
@@ -62,7 +64,7 @@ def _isscalar(given: Arguments) -> Value:
 @function("isvector", 1)
 def _isvector(given: Arguments) -> Value:
     data = given.data(0)
-    return logical(data.ndim == 2 and 1 in data.shape and data.size)
+    return logical(data.ndim == 2 and 1 in data.shape)
 
 
 @function("isrow", 1)
@@ -143,7 +145,7 @@ def _transpose(given: Arguments) -> Value:
 
 @function("permute", 2)
 def _permute(given: Arguments) -> Value:
-    data, order = given.data(0), [int(at) - 1 for at in given.numbers(1).ravel()]
+    data, order = given.data(0), [int(at) - 1 for at in given.numbers(1).ravel(order="F")]
     if sorted(order) != list(range(len(order))) or len(order) < data.ndim or len(order) > 32:
         raise NoValueError("the order has to name each dimension once")
     return like(given[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
@@ -158,14 +160,24 @@ def _squeeze(given: Arguments) -> Value:
 
 @function("circshift", 2, 3)
 def _circshift(given: Arguments) -> Value:
-    data, shift = given.data(0), [int(by) for by in given.numbers(1).ravel()]
+    data, shift = given.data(0), [int(by) for by in given.numbers(1).ravel(order="F")]
     axes = [given.dimension(2, data)] if len(shift) == 1 else list(range(len(shift)))
     return like(given[0], np.roll(data, shift, axes))
 
 
+def _matrix(given: Arguments, at: int = 0) -> Array:
+    """An argument of two dimensions."""
+    data = given.array(at)
+    if data.ndim > 2:
+        raise NoValueError(f"a matrix is needed, not an array of {data.ndim} dimensions")
+    return data
+
+
 @function("diag", 1, 2)
 def _diag(given: Arguments) -> Value:
-    data, offset = given.array(0), given.whole(1, 0)
+    data, offset = _matrix(given), given.whole(1, 0)
+    if data.shape == (0, 0):
+        return data
     if 1 in data.shape:
         side = data.size + abs(offset)
         given.budget.make(side * side)
@@ -175,23 +187,23 @@ def _diag(given: Arguments) -> Value:
 
 @function("tril", 1, 2)
 def _tril(given: Arguments) -> Value:
-    return np.tril(given.array(0), given.whole(1, 0))
+    return np.tril(_matrix(given), given.whole(1, 0))
 
 
 @function("triu", 1, 2)
 def _triu(given: Arguments) -> Value:
-    return np.triu(given.array(0), given.whole(1, 0))
+    return np.triu(_matrix(given), given.whole(1, 0))
 
 
 @function("kron", 2)
 def _kron(given: Arguments) -> Value:
     given.budget.make(given.data(0).size * given.data(1).size)
-    return np.kron(given.numbers(0), given.numbers(1))
+    return np.kron(numbers(_matrix(given, 0)), numbers(_matrix(given, 1)))
 
 
 @function("sub2ind", 2, MANY)
 def _sub2ind(given: Arguments) -> Value:
-    shape = [int(size) for size in given.numbers(0).ravel()]
+    shape = [int(size) for size in given.numbers(0).ravel(order="F")]
     step, found = 1.0, np.ones(given.data(1).shape)
     for at, size in enumerate(shape[: len(given) - 1]):
         place = given.numbers(at + 1)
@@ -204,7 +216,7 @@ def _sub2ind(given: Arguments) -> Value:
 
 @function("ind2sub", 2)
 def _ind2sub(given: Arguments) -> tuple[Value, ...]:
-    shape = [int(size) for size in given.numbers(0).ravel()]
+    shape = [int(size) for size in given.numbers(0).ravel(order="F")]
     count = max(given.outputs, 1)
     shape = [*shape[: count - 1], math.prod(shape[count - 1 :])] if count <= len(shape) else shape
     left = given.numbers(1) - 1

@@ -72,7 +72,9 @@ def _numfields(given: Arguments) -> Value:
 
 @function("isfield isprop", 2)
 def _isfield(given: Arguments) -> Value:
-    names = given[0].names if isinstance(given[0], Struct) else ()
+    if not isinstance(given[0], Struct):
+        return logical(False)
+    names = given[0].names
     if isinstance(given[1], Cell):
         cells = given[1].values
         return np.array([text(one) in names for one in cells.ravel()], dtype=bool).reshape(cells.shape)

@@ -18,6 +18,7 @@ __all__ = ["Stepping"]
 
 _FIXED = {*SOLVERS, "ode8", "ode14x", "ode1be", "odeN", "FixedStepDiscrete", "FixedStepAuto"}
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
+_TASKS = {"on": True, "off": False, "Auto": True, "MultiTasking": True, "SingleTasking": False}
 _LEAST_SHARE = 1e-4  # of the shortest sample time, for a step that hits all of them
 _CONTROLLERS = ("PID 1dof", "PID Controller", "PID Controller (with Approximate Derivative)", "PID 2dof")
 
@@ -49,7 +50,7 @@ class Stepping:
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
             self._instead(f"a variable step -> {step:g} s, the longest that hits all sample times")
-        self.clock = Clock(step, continuous)
+        self.clock = Clock(step, continuous, _TASKS.get(settings.tasks) if fixed else False)
 
     def _replace_solver(self, fixed: bool) -> None:
         """Say that another solver takes the place of the model's."""

@@ -1,7 +1,7 @@
 """The import of one system: its blocks, the solver and the step, the graph, the report, and the model."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -12,6 +12,7 @@ from kennfeld.graph import Builder, Graph
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.states import merged
 from kennfeld.models.model import Model
+from kennfeld.models.simulink.blocktypes.words import converting
 from kennfeld.models.simulink.expressions.signals import Signal, Wired
 from kennfeld.models.simulink.files.tree import System
 from kennfeld.models.simulink.flattening.atoms import Atom, Flat
@@ -33,6 +34,7 @@ from kennfeld.parameters import Parameter
 __all__ = ["Imported", "Work"]
 
 _SHOWN = 6
+_NAMED = 3  # blocks that a sentence names, of several
 _MOST_ATTEMPTS = 20  # to count passes within passes
 _MADE = ("Control", "Held", "Pass", "Part", "Iterated", "Joined")
 
@@ -207,13 +209,18 @@ class Work:
             if (atom.kind not in KINDS or KINDS[atom.kind].refused) and atom.path not in seen
         ]
         order = "reads the data store as the step before left it: no priority puts it behind"
-        undecided = dict.fromkeys(f"{reader.path} {order} {writer.path}" for writer, reader in weaver.stores.undecided)
+        undecided = dict.fromkeys(
+            f"{reader.path} {order} {writer.path}. Give both a Priority, since generated code may run them in another "
+            "order"
+            for writer, reader in weaver.stores.undecided
+        )
         loops = tuple(tuple(atom.path for atom in loop) for loop in weaver.visits.loops)
         conversions = any(atom.kind == "DataTypeConversion" for atom in self.flat.atoms)
         note = [TYPES_LEFT] if conversions else []
         return ImportReport(
             len(atoms), len(atoms) - len(unsupported), tuple(unsupported), loops,
-            (*self.flat.chosen, *self.substitutions, *undecided, *note), tuple(self.remarks),
+            (*self.flat.chosen, *self.substitutions, *undecided, *note),
+            (*weaver.remarks, *_types_left(self.flat.atoms), *self.remarks),
             dict(weaver.declared.sources), dict(weaver.expressions.frozen), self.solver, self.clock.step,
             tuple(_calibratable(one, weaver.declared.sources) for one in weaver.declared.parameters.values()),
             reasons=dict(self.variables.undefined),
@@ -255,6 +262,15 @@ def _faced(report: ImportReport, model: Model) -> ImportReport:
     outputs = tuple(Quantity(name, units.get(name, "")) for name in model.graph.outputs)
     used = tuple(one for one in report.parameters if one.name in model.values)
     return replace(report, inputs=inputs, outputs=outputs, parameters=used)
+
+
+def _types_left(atoms: Sequence[Atom]) -> tuple[str, ...]:
+    """A sentence on the blocks that make integers of other numbers; none where there are none."""
+    paths = converting(atoms)
+    if not paths:
+        return ()
+    names = ", ".join(paths[:_NAMED]) + (f" and {len(paths) - _NAMED} more" if len(paths) > _NAMED else "")
+    return (f"integer types are not applied by {names}: in Simulink they round, and wrap or saturate",)
 
 
 def _calibratable(one: Parameter, sources: Mapping[str, str]) -> Calibratable:

@@ -1,45 +1,74 @@
 """Operations on the bits of whole numbers, negative ones as their complement to two.
 
-A graph computes in doubles, where whole numbers up to 2^53 are exact; the bits are those of the whole number below a
-value. Their derivative is 0, but for shifts of values that are no integers.
+A graph computes in doubles, where whole numbers up to 2^53 are exact. The bits are those of the number that the integer
+type of a signal holds; where the file does not say that type, those of the whole number below a value. Their derivative
+is 0.
 """
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from kennfeld.models.simulink.blocktypes.words import Word, word_of
+from kennfeld.models.simulink.blocktypes.words import word_of
+from kennfeld.models.simulink.expressions import integer_types
+from kennfeld.models.simulink.expressions.integer_types import Word
 from kennfeld.models.simulink.expressions.signals import Signal, Wired, fastest
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
 from kennfeld.models.simulink.weaving.site import Site
 
+__all__ = ["fitted", "stored"]
+
 _MOST = 2**53  # doubles know all whole numbers up to here
 _PAIRED = 32  # bits of numbers that are both signals
+_LEAST_SIGN = 2**7  # the bit of a sign in the shortest word
 _STATE = "Let the block that makes its input state an integer type, such as uint16, or bind it."
 
 
 @block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
        BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
 def bitwise_operator(site: Site) -> Wired:
-    """A logical operation on the bits of the inputs, of the elements of a single one, or of the input and a mask."""
+    """A logical operation on the bits of the inputs, of the elements of a single one, or of the input and a mask.
+
+    The result has the type of the first input, and so has the mask: 217 in a word of 8 bits with a sign is -39.
+    """
     kind = site.chosen("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
-    word = _word(site) if kind in ("NOT", "NAND", "NOR") else None
-    inputs = [site.call("floor", one) for one in site.inputs]
-    if not inputs:
+    if not site.count:
         raise UnsupportedError("it has no input")
+    word = _shared(site, needed=kind in ("NOT", "NAND", "NOR"))
+    inputs = [stored(site, at, word) for at in range(site.count)]
     if kind == "NOT":
         return _complement(site, inputs[0], word)
     op = {"NAND": "AND", "NOR": "OR"}.get(kind, kind)
     if site.on("UseBitMask"):
-        made = _with_mask(site, op, inputs[0], site.numbers("BitMask"))
+        made = _with_mask(site, op, inputs[0], _masks(site, word))
     else:
         made = _folded(site, op, inputs if len(inputs) > 1 else inputs[0].elements)
-    return made if word is None else _complement(site, made, word)
+    return made if kind == op else _complement(site, made, word)
 
 
-def _word(site: Site) -> Word:
-    """The integer type of the input; a complement and what a shift pushes out depend on it."""
-    word = word_of(site.source())
+def _shared(site: Site, needed: bool) -> Word | None:
+    """The integer type that all inputs have to have, by the first of them that states one."""
+    words = (word_of(site.source(at)) for at in range(site.count))
+    word = next((one for one in words if one is not None), None)
+    return _checked(word) if needed else word
+
+
+def stored(site: Site, index: int, otherwise: Word | None = None) -> Signal:
+    """The whole number that is stored for an input, as the block that states its type rounds, wraps or limits it.
+
+    Where none states it, the type is `otherwise`.
+    """
+    x, word = site.input(index), word_of(site.source(index)) or otherwise
+    return site.call("floor", x) if word is None else fitted(site, x, word)
+
+
+def fitted(site: Site, x: Signal, word: Word) -> Signal:
+    """A number as one of an integer type."""
+    return Signal(integer_types.fitted(site.loom, x.nodes, word), x.period)
+
+
+def _checked(word: Word | None) -> Word:
+    """The integer type of an input; a complement and what a shift pushes out depend on it."""
     if word is None:
         raise UnsupportedError(
             "its result depends on the integer type of its input, which the file does not say", _STATE
@@ -49,15 +78,28 @@ def _word(site: Site) -> Word:
     return word
 
 
+def _masks(site: Site, word: Word | None) -> list[int]:
+    """The masks as numbers of the integer type of the input."""
+    masks = [_whole(float(one)) for one in site.numbers("BitMask").ravel(order="F")]
+    if word is not None:
+        return [word.wrapped(one) for one in masks]
+    if any(not 0 <= one < _LEAST_SIGN for one in masks):
+        site.remark(
+            "takes its mask as it is written, since the file does not say the integer type of its input: where that "
+            "type has fewer bits than the mask, or a sign, the result wraps in Simulink. Let the block before it state "
+            "an integer type"
+        )
+    return masks
+
+
 def _complement(site: Site, x: Signal, word: Word | None) -> Signal:
     assert word is not None
     top = -1.0 if word.signed else 2.0**word.bits - 1
     return site.call("sub", site.constant(top), x)
 
 
-def _with_mask(site: Site, op: str, x: Signal, mask: np.ndarray) -> Signal:
+def _with_mask(site: Site, op: str, x: Signal, masks: list[int]) -> Signal:
     """An operation of each element with its mask; a single one counts for all."""
-    masks = [_whole(float(one)) for one in mask.ravel(order="F")]
     if len(masks) not in (1, x.size) and x.size != 1:
         raise UnsupportedError(f"it has {len(masks)} masks for {x.size} elements")
     elements = x.elements * (len(masks) if x.size == 1 else 1)
@@ -150,23 +192,35 @@ def _fits(site: Site, x: Signal) -> Signal:
 @block("Bit Set", linked=True, iBit="0")
 def bit_set(site: Site) -> Wired:
     """The input with one of its bits set."""
-    x, bit = _bit(site)
-    return site.call("add", x, site.call("sub", site.constant(2.0**bit), _field(site, x, bit, 1)))
+    x, bit, weight = _bit(site)
+    clear = site.call("sub", site.constant(1.0), _one_bit(site, x, bit))
+    return site.call("add", x, site.call("mul", site.constant(weight), clear))
 
 
 @block("Bit Clear", linked=True, iBit="0")
 def bit_clear(site: Site) -> Wired:
     """The input with one of its bits cleared."""
-    x, bit = _bit(site)
-    return site.call("sub", x, _field(site, x, bit, 1))
+    x, bit, weight = _bit(site)
+    return site.call("sub", x, site.call("mul", site.constant(weight), _one_bit(site, x, bit)))
 
 
-def _bit(site: Site) -> tuple[Signal, int]:
-    """The input and the place of the bit; that of a sign would have another weight."""
+def _one_bit(site: Site, x: Signal, at: int) -> Signal:
+    """1 where a bit of x is set, else 0."""
+    return site.call("div", _field(site, x, at, 1), site.constant(2.0**at))
+
+
+def _bit(site: Site) -> tuple[Signal, int, float]:
+    """The input, the place of the bit, and what it counts: the highest of a word with a sign counts negative."""
     bit, word = site.whole("iBit", 0, 52), word_of(site.source())
-    if word is not None and bit >= word.bits - word.signed:
-        raise UnsupportedError(f"bit {bit} is the sign of its input of {word.bits} bits, or beyond it")
-    return site.call("floor", site.input()), bit
+    if word is not None and bit >= word.bits:
+        raise UnsupportedError(f"bit {bit} is beyond its input of {word.bits} bits")
+    if word is None and bit >= _LEAST_SIGN.bit_length() - 1:
+        site.remark(
+            f"takes bit {bit} as 2^{bit}, since the file does not say the integer type of its input: as a sign it "
+            "would count negative. Let the block before it state an integer type"
+        )
+    is_sign = word is not None and word.signed and bit == word.bits - 1
+    return stored(site, 0), bit, -(2.0**bit) if is_sign else 2.0**bit
 
 
 @block("Shift Arithmetic", linked=True)
@@ -175,7 +229,7 @@ def old_shift(site: Site) -> Wired:
     if site.number("nBinPtShiftRight"):
         raise UnsupportedError("it shifts the binary point, and number types are left aside")
     by = site.parameter("nBitShiftRight")
-    return _shifted(site, site.call("floor", site.input(0)), by, "Bidirectional", _word(site))
+    return _shifted(site, stored(site, 0), by, "Bidirectional", _checked(word_of(site.source())))
 
 
 @block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
@@ -185,11 +239,11 @@ def shift(site: Site) -> Wired:
     if site.number("BinPtShiftNumber"):
         raise UnsupportedError("it shifts the binary point, and number types are left aside")
     way = site.chosen("BitShiftDirection", "Left", "Right", "Bidirectional")
-    word = _word(site)
-    x = site.call("floor", site.input(0))
+    word = _checked(word_of(site.source()))
+    x = stored(site, 0)
     if site.chosen("BitShiftNumberSource", "Dialog", "Input port") == "Dialog":
         return _shifted(site, x, site.parameter("BitShiftNumber"), way, word)
-    return _shifted(site, x, site.call("floor", site.input(1)), way, word)
+    return _shifted(site, x, stored(site, 1), way, word)
 
 
 def _shifted(site: Site, x: Signal, by: Signal, way: str, word: Word) -> Signal:
@@ -197,14 +251,6 @@ def _shifted(site: Site, x: Signal, by: Signal, way: str, word: Word) -> Signal:
     if way == "Right":
         return right
     left = by if way == "Left" else site.call("neg", by)
-    pushed = _wrapped(site, site.call("mul", x, site.call("pow", site.constant(2.0), left)), word)
+    shifted = site.call("mul", x, site.call("pow", site.constant(2.0), left))
+    pushed = Signal(integer_types.wrapped(site.loom, shifted.nodes, word), shifted.period)
     return pushed if way == "Left" else site.select(site.call("lt", by, site.constant(0.0)), pushed, right)
-
-
-def _wrapped(site: Site, x: Signal, word: Word) -> Signal:
-    """What of a number fits into a word."""
-    span = site.constant(2.0**word.bits)
-    if not word.signed:
-        return site.call("mod", x, span)
-    half = site.constant(2.0 ** (word.bits - 1))
-    return site.call("sub", site.call("mod", site.call("add", x, half), span), half)

@@ -10,12 +10,15 @@ import numpy as np
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
+from kennfeld.models.simulink.blocktypes.words import word_of
 from kennfeld.models.simulink.code.body import GLOBAL, Body
 from kennfeld.models.simulink.code.desk import Desk
 from kennfeld.models.simulink.code.errors import MEND, CodeError, EndedError
+from kennfeld.models.simulink.code.functions.registry import matlab_word
 from kennfeld.models.simulink.code.parameters import parameter, parameter_number
 from kennfeld.models.simulink.code.persistent import Key, Memories, Memory, Scout, declares, later, memories
-from kennfeld.models.simulink.code.values import Held, Struct, Unclear, field_of
+from kennfeld.models.simulink.code.values import Held, Struct, Unclear, field_of, integers
+from kennfeld.models.simulink.expressions.arrays import aligned
 from kennfeld.models.simulink.expressions.signals import CONSTANT, Bus, Nodes, Signal, Wired, fastest
 from kennfeld.models.simulink.variables.scopes import Array, written_names
 from kennfeld.models.simulink.weaving.named import named_text
@@ -93,6 +96,7 @@ def _desk_of(site: Site, functions: Mapping[str, m.FunctionDefinition]) -> Desk:
         functions=dict(functions),
         find=site.weaver.files.find,
         frozen=frozen,
+        remark=lambda sentence: site.remark(f"calls a function of bits: {sentence}"),
         tables=partial(_looked_up, site),
     )
 
@@ -109,7 +113,7 @@ def _looked_up(site: Site, name: str, axes: list[tuple[Array, str]], places: lis
     if values.shape != shape:
         return None
     made = site.weaver.declared.table(table.name, values, made_axes, table.variable, False, beyond)
-    spread = np.broadcast_arrays(*places)
+    spread = np.broadcast_arrays(*aligned(*places))
     columns = zip(*(one.ravel() for one in spread), strict=True)
     nodes = [site.loom.lookup(made.name, *(int(node) for node in place)) for place in columns]
     return np.array(nodes, dtype=np.int64).reshape(spread[0].shape)
@@ -125,7 +129,7 @@ def _given(site: Site, function: m.FunctionDefinition) -> list[Held]:
     expressions, made, at = site.weaver.expressions, list[Held](), 0
     for name in function.parameters:
         if name not in fixed and at < _ports(site):
-            made.append(_held(site.wired(at)))
+            made.append(_typed(site, at, name))
             at += 1
             continue
         held = parameter(expressions, site.atom.scope, name)
@@ -133,6 +137,14 @@ def _given(site: Site, function: m.FunctionDefinition) -> list[Held]:
             raise UnsupportedError(f"its parameter {name} has no value", _GIVE, name)
         made.append(held if held is not None else Unclear(f"{name} is a parameter that has no value", _GIVE))
     return made
+
+
+def _typed(site: Site, at: int, name: str) -> Held:
+    """An input as a variable, of the integer type that the block states for it or that its signal has."""
+    held, chart = _held(site.wired(at)), site.atom.block.chart
+    stated = next((one.type for one in chart.data if one.name == name), "") if chart is not None else ""
+    word = matlab_word(stated) or word_of(site.source(at))
+    return integers(held, word) if isinstance(held, np.ndarray) else held
 
 
 def _held(wired: Wired) -> Held:

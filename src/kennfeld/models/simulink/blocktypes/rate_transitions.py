@@ -1,4 +1,8 @@
-"""Signals passed on between sample times: held for a slower one, a hit late for a faster one."""
+"""Signals passed on between sample times: held for a slower one, a hit late for a faster one.
+
+Where a transition need not be deterministic, a faster sample time sees what the slower one has left last: that of the
+same step in a single task, that of the step before where each sample time is a task of its own.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -42,8 +46,28 @@ def _passed(site: Site, wired: Wired) -> Wired:
     wanted = min(_behind(site), default=wired.period) if wanted is None else wanted
     if wanted >= wired.period * (1 - _NEAR):
         return wired
-    late = site.on("Integrity") and site.on("Deterministic")
-    return replace(_late(site, wired) if late else wired, period=wanted)
+    if site.on("Integrity") and site.on("Deterministic"):
+        return replace(_late(site, wired), period=wanted)
+    return _at_own_hits(site, _as_tasks_leave_it(site, wired), wanted)
+
+
+def _as_tasks_leave_it(site: Site, u: Signal) -> Signal:
+    """A slower signal as a faster task reads it, which runs before the slower one where both are hit."""
+    tasks = site.weaver.clock.multitasking
+    if tasks is None:
+        site.remark(
+            "passes on what a slower sample time makes in the same step, as in a single task; the file does not say "
+            "whether each sample time is a task of its own, where it would be what the step before has left. Set "
+            "Deterministic, or the model's SolverMode or EnableMultiTasking"
+        )
+    return site.remember(_initial(site), lambda _: u) if tasks else u
+
+
+def _at_own_hits(site: Site, u: Signal, period: float) -> Signal:
+    """A signal that changes at the hits of a sample time only."""
+    if period == CONTINUOUS:
+        return replace(u, period=period)
+    return site.weaver.timing.held(site.atom, u, Rate(period))
 
 
 def _stated(site: Site, u: Signal) -> float | None:
@@ -74,8 +98,13 @@ def _behind(site: Site) -> Iterator[float]:
 
 def _late(site: Site, u: Signal) -> Signal:
     """What a signal was before the last hit of its own sample time; an initial value before the first."""
-    init = site.parameter("InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0")
+    init = _initial(site)
     made: list[Signal] = []
     before, shown = site.remember(init, lambda _: u), site.remember(init, lambda _: made[0])
     made.append(site.select(site.weaver.timing.hits(u.period), before, shown))
     return made[0]
+
+
+def _initial(site: Site) -> Signal:
+    """What a faster sample time sees before the first hit of the slower one."""
+    return site.parameter("InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0")

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.models.simulink.blocktypes.bits import fitted, stored
 from kennfeld.models.simulink.blocktypes.places import cases_of, length_of, listed, positions
-from kennfeld.models.simulink.blocktypes.words import word_of
+from kennfeld.models.simulink.blocktypes.words import stated_word, word_of
 from kennfeld.models.simulink.expressions.arrays import towards_zero
 from kennfeld.models.simulink.expressions.signals import Bus, Nodes, OpenBus, Signal, Wired, fastest, leaves, scalar
 from kennfeld.models.simulink.flattening.wires import member_names
@@ -28,12 +29,20 @@ def passed(site: Site) -> Wired:
 def conversion(site: Site) -> Wired:
     """The signal itself, since values are physical; as a truth value 1 wherever it is not 0."""
     wanted = _wanted_type(site)
-    if site.text("ConvertRealWorld").startswith("Stored") and not (_is_plain(wanted) and word_of(site.source())):
-        what = "it takes a number by its stored bits, and types of fixed point are left aside"
-        raise UnsupportedError(what, "Put a Gain of the scaling in its place, or bind it.")
+    if site.text("ConvertRealWorld").startswith("Stored"):
+        return _by_bits(site, wanted)
     if wanted in ("boolean", "logical"):
         return site.call("ne", site.input(), site.constant(0.0))
     return site.wired(0)
+
+
+def _by_bits(site: Site, wanted: str) -> Wired:
+    """The number that the stored bits of the input are in another type."""
+    if not (_is_plain(wanted) and word_of(site.source())):
+        what = "it takes a number by its stored bits, and types of fixed point are left aside"
+        raise UnsupportedError(what, "Put a Gain of the scaling in its place, or bind it.")
+    word = stated_word(site.atom)
+    return stored(site, 0) if word is None else fitted(site, stored(site, 0), word)
 
 
 def _wanted_type(site: Site) -> str:

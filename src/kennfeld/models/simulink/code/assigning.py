@@ -27,8 +27,10 @@ from kennfeld.models.simulink.code.values import (
     array_of,
     constants,
     field_of,
+    integers,
     said,
     truths,
+    word_of,
 )
 from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.signals import Nodes
@@ -96,8 +98,9 @@ def _with_cell(calls: "Calls", held: Held | None, trees: Sequence[m.Expression],
     at = [int(one.item()) - 1 for one in places if one is not None and one.size == 1]
     if len(at) != len(trees):
         raise CodeError("the place of a cell is not one fixed number")
-    rows, columns = cells.shape
-    if at == [len(cells.cells)] and min(rows, columns) < 2:  # one more, behind the last
+    is_row = len(cells.shape) == 2 and min(cells.shape) < 2
+    if at == [len(cells.cells)] and is_row:  # one more, behind the last
+        rows, columns = cells.shape
         shape = (rows + 1, 1) if columns == 1 and rows > 1 else (1, len(cells.cells) + 1)
         return Cells((*cells.cells, value), shape)
     made = list(cells.cells)
@@ -119,7 +122,7 @@ def _with_elements(calls: "Calls", held: Held | None, trees: Sequence[m.Expressi
         raise CodeError("elements are deleted, which is not supported")
     made = _written(calls, np.asarray(old), places, np.asarray(new))
     logical = isinstance(new, Truths) and (held is None or (isinstance(held, Truths) and held.size > 0))
-    return truths(made) if logical else made
+    return truths(made) if logical else integers(made, word_of(new if old.size == 0 else old))
 
 
 def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Nodes:
@@ -183,6 +186,9 @@ def _fixed(calls: "Calls", old: Nodes, places: list[list[int]], new: Nodes) -> N
         flat = made.ravel(order="F")
         flat[places[0]] = new.ravel(order="F")
         return flat.reshape(made.shape, order="F")
+    if new.size > 1 and [n for n in new.shape if n > 1] != [len(at) for at in places if len(at) > 1]:
+        wanted = "x".join(str(len(at)) for at in places)
+        raise CodeError(f"an array of {size_said(new)} is assigned to places of {wanted}")
     sides = folded(made, len(places)).copy()
     block = new.reshape(()) if new.size == 1 else new.reshape([len(at) for at in places], order="F")
     sides[np.ix_(*places)] = block

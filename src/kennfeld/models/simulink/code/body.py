@@ -115,7 +115,7 @@ class Body:
             case m.While(condition, body):
                 self.loops.as_long_as(condition, body)
             case m.Switch(subject, cases, otherwise):
-                self._switch(self.value(subject), cases, otherwise)
+                self._switch(resolved(self.value(subject)), cases, otherwise)
             case m.Jump(kind):
                 self.state.jumps[kind] = self.loom.const(1.0)
             case m.Declaration(kind, names):
@@ -201,7 +201,7 @@ class Body:
 
     def truth(self, held: Held) -> int:
         """The condition that a value is as one: whether all of its elements hold, and there are any."""
-        nodes = array_of(held, "a condition")
+        nodes = array_of(resolved(held), "a condition")
         if nodes.size == 0:
             return self.loom.const(0.0)
         return int(nodes.item()) if nodes.size == 1 else fold(self.loom, "and", [int(n) for n in nodes.ravel()])
@@ -225,7 +225,7 @@ class Body:
             name = _base(target)
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
-            self.names[name] = assigned(self.calls, whole, target, value)
+            self.names[name] = assigned(self.calls, whole, target, resolved(value))
 
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
         if target is not None and chooses(self.calls, target, tree):

@@ -13,8 +13,8 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.conditions import both, either, truth_of
 from kennfeld.models.simulink.code.errors import CodeError
 from kennfeld.models.simulink.code.fixed import fixed_result
-from kennfeld.models.simulink.code.functions import LIBRARY
-from kennfeld.models.simulink.code.functions.linear import divided, power, product
+from kennfeld.models.simulink.code.functions import LIBRARY, TAKES_TABLES
+from kennfeld.models.simulink.code.functions.linear import divided, power, product, transposed
 from kennfeld.models.simulink.code.indexing import element, indexed
 from kennfeld.models.simulink.code.ranges import spaced
 from kennfeld.models.simulink.code.values import (
@@ -25,14 +25,17 @@ from kennfeld.models.simulink.code.values import (
     Later,
     Members,
     Partial,
+    String,
     Struct,
     Truths,
     array_of,
     constants,
     field_of,
+    integers,
     resolved,
     said,
     truths,
+    word_of,
 )
 from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.elementary import BINARY
@@ -73,7 +76,7 @@ class Calls:
                     raise CodeError("complex numbers are not supported")
                 return constants(self.loom, number)
             case m.Text(text):
-                return text
+                return String(text) if tree.is_string else text
             case m.Name(name):
                 return self._name(name)
             case m.Field() | m.DynamicField():
@@ -83,7 +86,7 @@ class Calls:
             case m.Binary(operator, left, right):
                 return self._binary(operator, left, right)
             case m.Transpose(operand):
-                return self.nodes(operand).T
+                return transposed(self.nodes(operand))
             case m.Matrix(rows):
                 return self._matrix(rows)
             case m.Range():
@@ -104,7 +107,7 @@ class Calls:
 
     def nodes(self, tree: m.Expression) -> Nodes:
         """The value of an expression as an array of nodes."""
-        return array_of(self.value(tree), _short(tree))
+        return array_of(resolved(self.value(tree)), _short(tree))
 
     def number(self, tree: m.Expression, what: str = "a size or place") -> float:
         """One number that depends on no signal."""
@@ -146,7 +149,7 @@ class Calls:
         if operator == "+":
             return operand
         made = each(self.loom, "neg" if operator == "-" else "not", operand)
-        return made if operator == "-" else truths(made)
+        return integers(made, word_of(operand)) if operator == "-" else truths(made)
 
     def _binary(self, operator: str, left: m.Expression, right: m.Expression) -> Held:
         if operator in ("&&", "||"):
@@ -154,7 +157,9 @@ class Calls:
         return self.operation(operator, self._operand(left), self._operand(right))
 
     def _operand(self, tree: m.Expression) -> Nodes:
-        held = self.value(tree)
+        held = resolved(self.value(tree))
+        if isinstance(held, String):
+            raise CodeError("a string in double quotes stands in arithmetic", "Compare it by strcmp.")
         if isinstance(held, str):
             return constants(self.loom, [[float(ord(one)) for one in held]]) if held else EMPTY
         return array_of(held, _short(tree))
@@ -177,7 +182,7 @@ class Calls:
         if left.size > 1 and right.size > 1 and left.shape != right.shape:
             self.desk.room(float(left.size) * right.size)
         made = elementwise(self.loom, BINARY[operator], left, right)
-        return truths(made) if operator in _TRUE_OR_FALSE else made
+        return truths(made) if operator in _TRUE_OR_FALSE else integers(made, word_of(left, right))
 
     def _short_circuit(self, operator: str, left: m.Expression, right: m.Expression) -> Nodes:
         """The right side is only looked at where the left one does not decide."""
@@ -198,10 +203,12 @@ class Calls:
     # arrays
 
     def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> Held:
-        made = [[self.value(one) for one in row] for row in rows]
+        made = [[resolved(self.value(one)) for one in row] for row in rows]
         flat = [one for row in made for one in row]
+        if len(flat) > 1 and any(isinstance(one, String) for one in flat):
+            raise CodeError("arrays of strings are not supported", "Write texts in single quotes.")
         if flat and all(isinstance(one, str) for one in flat) and len(made) == 1:
-            return "".join(str(one) for one in flat)
+            return flat[0] if len(flat) == 1 else "".join(str(one) for one in flat)
         if len(flat) == 1 and isinstance(flat[0], (Struct, Cells)):
             return flat[0]
         arrays = [[part for one in row if (part := array_of(one, "an element")).size] for row in made]
@@ -211,7 +218,9 @@ class Calls:
         except ValueError:
             raise CodeError("the rows of a matrix have different lengths") from None
         logical = bool(flat) and all(isinstance(one, Truths) for row in arrays for one in row)
-        return truths(whole) if logical and whole.size else whole
+        if logical and whole.size:
+            return truths(whole)
+        return integers(whole, word_of(*(one for row in arrays for one in row)))
 
     def _cells(self, rows: tuple[tuple[m.Expression, ...], ...]) -> Cells:
         made = [[self.value(one) for one in row] for row in rows if row]
@@ -282,12 +291,12 @@ class Calls:
         if isinstance(parameter, Members) and len(arguments) == 1:
             return (self.value(arguments[0]),)
         if parameter is not None:
-            return (indexed(self, parameter, arguments, name) if arguments else parameter,)
+            return (indexed(self, resolved(parameter), arguments, name) if arguments else parameter,)
         found = self.desk.unknown(self.body, name, tuple(arguments), wanted)
         return found if found is not None else self.named(name, self.given(arguments), wanted)
 
     def _takes_tables(self, name: str) -> bool:
-        return name in ("interp1", "interp2") or self._function(name) is not None
+        return name in TAKES_TABLES or self._function(name) is not None
 
     def _unmade(self, arguments: Sequence[m.Expression]) -> list[Held]:
         """The arguments of a function, parameters that are arrays as they are: they may become tables there."""

@@ -39,7 +39,8 @@ class Desk:
     that an element of a parameter has, for what must be fixed; `frozen` is told what was. `functions` are those that
     the code defines, `find` gives those of the file that is called by a name. `unknown` is asked for a function that is
     none of them, with the trees of its arguments and the number of results; it returns them, or None. `tables` makes a
-    lookup of the parameter of a name over breakpoints, each with the name of theirs, at coordinates.
+    lookup of the parameter of a name over breakpoints, each with the name of theirs, at coordinates. `remark` is told
+    what somebody should know of the code.
     """
 
     loom: Loom
@@ -50,6 +51,7 @@ class Desk:
     unknown: Hook = _nothing
     tables: Tables = lambda name, axes, places, beyond: None
     frozen: Callable[[str], None] = lambda name: None
+    remark: Callable[[str], None] = lambda sentence: None
     calling: list[m.FunctionDefinition] = field(default_factory=list)
     statements: int = 0
     begun: int = -1

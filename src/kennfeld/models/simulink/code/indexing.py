@@ -11,11 +11,12 @@ from kennfeld.models.simulink.code.limits import away_from_zero
 from kennfeld.models.simulink.code.values import (
     Cells,
     Held,
+    String,
     Struct,
     Truths,
     array_of,
     constants,
-    truths,
+    of_class,
 )
 from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.signals import Nodes
@@ -46,7 +47,9 @@ def indexed(calls: "Calls", held: Held, trees: Sequence[m.Expression], what: str
     if isinstance(held, Cells):
         whole = np.arange(len(held.cells), dtype=np.int64).reshape(held.shape, order="F")
         chosen = _elements(calls, whole, calls.arguments(whole, trees), what, fixed=True)
-        return Cells(tuple(held.cells[int(at)] for at in chosen.ravel(order="F")), (chosen.shape[0], chosen.shape[1]))
+        return Cells(tuple(held.cells[int(at)] for at in chosen.ravel(order="F")), chosen.shape)
+    if isinstance(held, String) and all(is_one(calls, tree) for tree in trees):
+        return held
     if isinstance(held, str):
         text = np.array([[ord(one) for one in held]], dtype=np.int64)
         chosen = _elements(calls, text, calls.arguments(text, trees), what, fixed=True)
@@ -60,7 +63,7 @@ def indexed(calls: "Calls", held: Held, trees: Sequence[m.Expression], what: str
     if _is_mask(calls, array, places):
         return array
     made = _elements(calls, array, places, what)
-    return truths(made) if isinstance(array, Truths) else made
+    return of_class(array, made)
 
 
 def _is_mask(calls: "Calls", array: Nodes, places: list[Held]) -> bool:

@@ -17,8 +17,10 @@ from kennfeld.models.simulink.code.values import (
     Struct,
     Truths,
     Unclear,
+    integers,
     resolved,
     truths,
+    word_of,
 )
 from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.signals import Nodes
@@ -122,4 +124,6 @@ class _Joining:
             sizes = " or ".join("x".join(map(str, one.shape)) for one in (yes, no))
             return Unclear(f"the size of {name} is {sizes}, as a condition decides", _SPLIT)
         made = yes if np.array_equal(yes, no) else each(self.loom, "select", self.choice, yes, no)
-        return truths(made) if isinstance(yes, Truths) and isinstance(no, Truths) else made
+        if isinstance(yes, Truths) and isinstance(no, Truths):
+            return truths(made)
+        return integers(made, word_of(yes) if word_of(yes) == word_of(no) else None)

@@ -12,6 +12,7 @@ import numpy as np
 from kennfeld.graph import Builder
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.errors import CodeError
+from kennfeld.models.simulink.expressions.integer_types import Word
 from kennfeld.models.simulink.expressions.signals import Nodes
 
 __all__ = [
@@ -19,25 +20,45 @@ __all__ = [
     "Cells",
     "Handle",
     "Held",
+    "Integers",
     "Later",
     "Members",
     "Partial",
+    "String",
     "Struct",
     "Truths",
     "Unclear",
     "array_of",
     "constants",
     "field_of",
+    "integers",
     "leaves",
+    "of_class",
     "rebuilt",
     "resolved",
     "said",
     "truths",
+    "word_of",
 ]
 
 
 class Truths(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
     """An array of nodes whose class is logical, so that as an index it is a mask."""
+
+
+class String(str):
+    """A text in double quotes: one element, where one in single quotes is a row of characters."""
+
+    __slots__ = ()
+
+
+class Integers(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
+    """An array of nodes that have an integer type by their class; the values themselves stay physical."""
+
+    word: Word | None = None
+
+    def __array_finalize__(self, origin: object) -> None:
+        self.word = getattr(origin, "word", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +78,7 @@ class Cells:
     """A cell array, column by column."""
 
     cells: "tuple[Held, ...]"
-    shape: tuple[int, int]
+    shape: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +126,28 @@ def truths(nodes: Nodes) -> Nodes:
     return nodes.view(Truths)
 
 
+def integers(nodes: Nodes, word: Word | None) -> Nodes:
+    """Nodes with an integer type by their class; without one as they are."""
+    made = np.asarray(nodes)
+    if word is None:
+        return made
+    typed = made.view(Integers)
+    typed.word = word
+    return typed
+
+
+def word_of(*arrays: Nodes) -> Word | None:
+    """The integer type of the first array that has one, which what is made of several has too."""
+    return next((one.word for one in arrays if isinstance(one, Integers)), None)
+
+
+def of_class(model: Nodes, nodes: Nodes) -> Nodes:
+    """Nodes with the class of an array: logical, an integer type, or none."""
+    if isinstance(model, Truths):
+        return truths(np.asarray(nodes))
+    return integers(nodes, word_of(model))
+
+
 def constants(loom: Builder, numbers: object) -> Nodes:
     """An array of constants, at least of two dimensions; of class logical where the numbers are."""
     array = np.atleast_2d(np.asarray(numbers))
@@ -134,7 +177,7 @@ def said(held: Held) -> str:
     """What kind of value it is, in words."""
     if isinstance(held, np.ndarray):
         return f"an array of {'x'.join(map(str, held.shape))}"
-    kinds = {str: "a text", Struct: "a struct", Cells: "a cell array", Handle: "a function"}
+    kinds = {str: "a text", String: "a string", Struct: "a struct", Cells: "a cell array", Handle: "a function"}
     return kinds.get(type(held), "a variable without a value in every case")
 
 
@@ -168,4 +211,4 @@ def rebuilt(held: Held, arrays: Iterator[Nodes]) -> Held:
     if isinstance(held, Cells):
         return Cells(tuple(rebuilt(resolved(cell), arrays) for cell in held.cells), held.shape)
     made = next(arrays)
-    return truths(made) if isinstance(held, Truths) else made
+    return of_class(held, made) if isinstance(held, np.ndarray) else made

@@ -9,7 +9,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import Nodes
 
-__all__ = ["check_size", "each", "fold", "matrix_product", "towards_zero"]
+__all__ = ["aligned", "check_size", "each", "fold", "matrix_product", "towards_zero"]
 
 _LARGEST: Final = 1_000_000  # elements of an array that stands in a variable, or of one of signals
 _MOST_PRODUCTS: Final = 2_000_000  # of a product of two matrices
@@ -21,9 +21,19 @@ def check_size(size: int) -> None:
         raise NoValueError(f"it makes an array of {size} elements, and {_LARGEST} is the most")
 
 
+def aligned(*arrays: Nodes) -> list[Nodes]:
+    """Arrays with as many dimensions as the deepest of them has, which numpy then expands as MATLAB does.
+
+    MATLAB takes missing dimensions at the end for one long, numpy those at the beginning. Vectors of blocks, which have
+    one dimension, stay as they are.
+    """
+    most = max(array.ndim for array in arrays)
+    return [one.reshape(one.shape + (1,) * (most - one.ndim)) if one.ndim > 1 else one for one in arrays]
+
+
 def each(loom: Loom, op: str, *args: Nodes) -> Nodes:
     """An operation element by element, arrays expanded against each other."""
-    spread = np.broadcast_arrays(*args)
+    spread = np.broadcast_arrays(*aligned(*args))
     check_size(spread[0].size)
     made = [loom.call(op, *(int(a) for a in parts)) for parts in zip(*(a.ravel() for a in spread), strict=True)]
     return np.array(made, dtype=np.int64).reshape(spread[0].shape)

@@ -1,5 +1,6 @@
 """The operators and functions of MATLAB expressions that the graph can say, by their names."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
@@ -33,7 +34,7 @@ def applied(loom: Loom, name: str, args: list[Nodes]) -> Nodes | None:
     rule = _RULES.get(len(args), {}).get(name)
     if rule is not None:
         return rule(loom, *args)
-    if name in ("min", "max", "sum", "prod") and len(args) == 1 and 1 in args[0].shape:
+    if name in ("min", "max", "sum", "prod") and len(args) == 1 and args[0].ndim == 2 and 1 in args[0].shape:
         op = {"sum": "add", "prod": "mul"}.get(name, name)
         return np.array([[fold(loom, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
     return args[0] if name in _CASTS and len(args) == 1 else None  # physical values are kept
@@ -42,7 +43,32 @@ def applied(loom: Loom, name: str, args: list[Nodes]) -> Nodes | None:
 def _remainder(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
     """What is left of a after whole steps of b towards 0; not a number where b is 0."""
     whole = towards_zero(loom, each(loom, "div", a, b))
-    return each(loom, "sub", a, each(loom, "mul", whole, b))
+    made = each(loom, "sub", a, each(loom, "mul", whole, b))
+    return made if _is_finite(loom, b) else each(loom, "select", _within_infinity(loom, a, b), a, made)
+
+
+def _modulus(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    """What is left of a after whole steps of b downwards; a where b is 0, or infinite and of the sign of a."""
+    made = each(loom, "mod", a, b)
+    if _is_finite(loom, b):
+        return made
+    zero = _constant(loom, 0.0)
+    other_side = each(loom, "lt", each(loom, "mul", each(loom, "sign", a), each(loom, "sign", b)), zero)
+    beyond = each(loom, "select", other_side, b, a)
+    return each(loom, "select", _within_infinity(loom, a, b), beyond, made)
+
+
+def _is_finite(loom: Loom, array: Nodes) -> bool:
+    """Whether all elements are known to be finite."""
+    values = [loom.value(int(node)) for node in array.ravel()]
+    return all(value is not None and math.isfinite(value) for value in values)
+
+
+def _within_infinity(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    """Whether a is finite and b is not."""
+    infinity = _constant(loom, math.inf)
+    is_beyond = each(loom, "eq", each(loom, "abs", b), infinity)
+    return each(loom, "and", is_beyond, each(loom, "lt", each(loom, "abs", a), infinity))
 
 
 def _hypotenuse(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
@@ -80,7 +106,7 @@ def _operation(op: str) -> Rule:
 ONE: Final[Mapping[str, Rule]] = {"fix": towards_zero, "uminus": _operation("neg")}
 TWO: Final[Mapping[str, Rule]] = {
     "atan2": _operation("atan2"),
-    "mod": _operation("mod"),
+    "mod": _modulus,
     "power": _operation("pow"),
     "plus": _operation("add"),
     "minus": _operation("sub"),

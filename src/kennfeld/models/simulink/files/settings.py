@@ -76,7 +76,8 @@ def solver_from(entry: Section) -> Solver:
     said = {part.keys.get("Name", ""): part.text for part in found.all("P")}
     name = said.get("SolverName") or said.get("Solver", "")
     step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
-    return Solver(name, step, start, stop, largest, said.get("SourceName") or said.get("WSVarName", ""))
+    tasks = said.get("EnableMultiTasking") or said.get("SolverMode", "")
+    return Solver(name, step, start, stop, largest, said.get("SourceName") or said.get("WSVarName", ""), tasks)
 
 
 def _solver(section: Section) -> Solver:
@@ -86,6 +87,7 @@ def _solver(section: Section) -> Solver:
         start=section.get("StartTime"),
         stop=section.get("StopTime"),
         max_step=section.get("MaxStep"),
+        tasks=section.get("EnableMultiTasking") or section.get("SolverMode"),
     )
 
 

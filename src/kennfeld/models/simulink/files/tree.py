@@ -278,7 +278,8 @@ class Solver:
     """The settings of the active configuration, as written.
 
     `reference` names a configuration that is kept elsewhere (a variable of the base workspace, an entry of a data
-    dictionary); the other fields are then what the file says by itself, if anything.
+    dictionary); the other fields are then what the file says by itself, if anything. `tasks` says whether each sample
+    time is a task of its own, in the word of the release: on, off, Auto, SingleTasking, MultiTasking.
     """
 
     name: str = ""
@@ -287,6 +288,7 @@ class Solver:
     stop: str = ""
     max_step: str = ""
     reference: str = ""
+    tasks: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,12 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.code.errors import CodeError
+from kennfeld.models.simulink.code.functions.bits import OF_BITS
+from kennfeld.models.simulink.code.functions.registry import KEEPS_INTEGERS, matlab_word
+from kennfeld.models.simulink.code.values import integers
 from kennfeld.models.simulink.expressions.arrays import each, fold
 from kennfeld.models.simulink.expressions.expressions import Expressions
+from kennfeld.models.simulink.expressions.integer_types import Word
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.expressions.struct_parts import way_of
@@ -177,11 +181,42 @@ class Values:
         """The results of a function of MATLAB in a chart whose language that is; none of what is none of them."""
         if self.diagram.chart.language == "C" or not is_of_library(name):
             return []
-        given = [one.value if isinstance(one, m.Text) else self.nodes(one, context, guard) for one in arguments]
+        given = [one.value if isinstance(one, m.Text) else self._typed(one, context, guard) for one in arguments]
         try:
             return results_of(self.loom, name, given, wanted)
         except CodeError as error:
             raise UnsupportedError(f"{context.place}: {error.what}", error.mend) from None
+
+    def _typed(self, tree: m.Expression, context: Context, guard: Guard) -> Nodes:
+        """The nodes of an expression, with the integer type that its variables and casts say."""
+        return integers(self.nodes(tree, context, guard), self._word(tree, context))
+
+    def _word(self, tree: m.Expression, context: Context) -> Word | None:
+        """The integer type of an expression, as the chart declares its variables."""
+        match tree:
+            case m.Name() | m.Field():
+                return self._declared(tree, context)
+            case m.Unary("-" | "+", operand):
+                return self._word(operand, context)
+            case m.Binary("+" | "-" | "*" | ".*" | "/" | "./" | "^" | ".^", left, right):
+                return self._word(left, context) or self._word(right, context)
+            case m.Call(of, arguments):
+                declared = self._declared(of, context)
+                name = of.name if isinstance(of, m.Name) else ""
+                if declared is not None or self.key_of(of, context) is not None:
+                    return declared
+                if name == "cast" and len(arguments) == 2 and isinstance(arguments[1], m.Text):
+                    return matlab_word(arguments[1].value)
+                if name in KEEPS_INTEGERS or name in OF_BITS:
+                    return next((word for one in arguments if (word := self._word(one, context)) is not None), None)
+                return matlab_word(name)
+        return None
+
+    def _declared(self, tree: m.Expression, context: Context) -> Word | None:
+        """The integer type that the chart declares for a variable."""
+        key = self.key_of(tree, context)
+        data = next((one for one in self.diagram.data.values() if one.key == key), None) if key is not None else None
+        return matlab_word(data.written.type.strip()) if data is not None else None
 
     def _filled(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes:
         """An array of a number that is none, or infinite; the name of a type behind its sizes is passed over."""

@@ -72,10 +72,15 @@ def common_step(periods: Iterable[float]) -> float | None:
 
 @dataclass
 class Clock:
-    """The steps of a model: `step` in s, None where the data decide; whether there are continuous states."""
+    """The steps of a model: `step` in s, None where the data decide; whether there are continuous states.
+
+    `multitasking` says whether each sample time is a task of its own, of which the faster run first; None where the
+    file does not say it.
+    """
 
     step: float | None
     continuous: bool = False
+    multitasking: bool | None = False
 
     def hit(self, loom: Loom, rate: Rate) -> int | None:
         """The node that is 1 where a sample time is hit, None where every step hits it."""

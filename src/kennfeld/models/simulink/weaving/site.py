@@ -132,6 +132,10 @@ class Site:
         """The initial output that a block states; None where it states none."""
         return None if self.text("InitialOutput") in ("[]", "") else self.parameter("InitialOutput")
 
+    def remark(self, sentence: str) -> None:
+        """Tell what somebody should know of the block; the sentence continues its path."""
+        self.weaver.remarks[f"{self.atom.path} {sentence}"] = None
+
     # inputs
 
     def source(self, index: int = 0) -> Source | None:

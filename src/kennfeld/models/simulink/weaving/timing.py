@@ -50,6 +50,15 @@ class Timing:
         """The period that a block inherits from its inputs, as an earlier pass found it."""
         return self.guesses.periods.get(atom, CONTINUOUS)
 
+    def task_order(self, one: Atom, other: Atom) -> int:
+        """-1 where the first of two blocks is in a faster task, 1 where in a slower one; 0 where both may be in one."""
+        if not self.clock.multitasking:
+            return 0
+        periods = [self.stated_period(atom) for atom in (one, other)]
+        if periods[0] is None or periods[1] is None or CONSTANT in periods:
+            return 0
+        return (periods[0] > periods[1]) - (periods[0] < periods[1])
+
     def hit(self, rate: Rate) -> int | None:
         """The node that is 1 where a sample time is hit, None where every step of the model hits it."""
         return None if rate.period in (CONTINUOUS, CONSTANT) else self.clock.hit(self.loom, rate)

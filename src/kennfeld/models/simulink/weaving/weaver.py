@@ -34,7 +34,8 @@ class Weaver:
     """One pass over the blocks. `bound` gives the nodes of blocks that are cut, `clock` the steps of the model.
 
     `timing` knows sample times, `gates` conditional subsystems, `memories`, `continuous` and `contents` what lasts
-    until the next step, `visits` the order of the blocks, and `failures` what could not be built.
+    until the next step, `visits` the order of the blocks, `failures` what could not be built, and `remarks` what
+    blocks tell of themselves.
     """
 
     def __init__(
@@ -52,8 +53,8 @@ class Weaver:
         self.failures = Failures()
         self.inputs = Inputs(self.loom, guesses)
         self.shapes = Shapes(guesses)
-        self.stores = Stores(flat.atoms)
         self.timing = Timing(clock, self.expressions, guesses, self.failures)
+        self.stores = Stores(flat.atoms, self.timing.task_order)
         self.gates = Gates(self.timing, self.value)
         agenda = Agenda()
         self.ports = StatePorts(self.timing, self.shapes, agenda)
@@ -63,6 +64,7 @@ class Weaver:
         self.needs = Needs(self.site, self.stores, self._ahead, self.failures)
         self.visits = Visits(self.loom, self.needs, agenda, self.failures, self._built)
         self.counts: dict[str, int] = {}
+        self.remarks: dict[str, None] = {}
         self.files = FunctionFiles(())
         self._sites: dict[Atom, Site] = {}
 

@@ -11,10 +11,11 @@ from kennfeld.models.simulink.code.functions import (
     tables,
     tests,
 )
-from kennfeld.models.simulink.code.functions.registry import LIBRARY
+from kennfeld.models.simulink.code.functions.registry import LIBRARY, TAKES_TABLES
 
 __all__ = [
     "LIBRARY",
+    "TAKES_TABLES",
     "bits",
     "elementwise",
     "linear",

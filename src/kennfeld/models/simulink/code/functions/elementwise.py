@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.code.functions.registry import Given, function
-from kennfeld.models.simulink.code.values import Held, Truths, constants, truths
+from kennfeld.models.simulink.code.functions.registry import Given, function, matlab_word
+from kennfeld.models.simulink.code.values import Held, Truths, constants, integers, of_class, truths
 from kennfeld.models.simulink.expressions.arrays import each, towards_zero
 from kennfeld.models.simulink.expressions.elementary import INVERSE_HYPERBOLIC, ONE, PLAIN, TWO, Rule
 from kennfeld.models.simulink.expressions.signals import Nodes
@@ -26,23 +26,32 @@ def plain(given: Given) -> Held:
 
 @function(*_CASTS, most=5)
 def cast(given: Given) -> Held:
-    """The value as it is: values are physical, in double precision."""
-    made = given.array(0)
-    return np.asarray(made) if isinstance(made, Truths) else made
+    """The value as it is: values are physical, in double precision. Functions of bits see the integer type."""
+    return integers(given.array(0), matlab_word(given.name))
 
 
 @function("cast", least=2, most=3)
 def cast_to(given: Given) -> Held:
     """The value as it is, as with the casts by name."""
     x = given.array(0)
-    if given.held[1] != "logical":
-        return np.asarray(x)
+    if given.held[1] == "like":
+        return of_class(given.array(2), x)
+    if given.text(1) not in (*_CASTS, "logical"):
+        raise given.refuse(f"{given.text(1)!r} is not a class of numbers")
+    if given.text(1) != "logical":
+        return integers(x, matlab_word(given.text(1)))
     return truths(each(given.calls.loom, "ne", x, constants(given.calls.loom, 0.0)))
 
 
-@function("real", "conj", "full")
+@function("real", "conj")
 def same(given: Given) -> Held:
-    """The value as it is: all numbers are real, arrays full."""
+    """The value as a number: all numbers are real."""
+    return np.asarray(given.array(0))
+
+
+@function("full")
+def full(given: Given) -> Held:
+    """The value as it is: all arrays are full."""
     return given.array(0)
 
 

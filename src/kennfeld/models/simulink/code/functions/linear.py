@@ -7,8 +7,8 @@ import numpy as np
 
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.code.functions.reductions import along, total
-from kennfeld.models.simulink.code.functions.registry import Given, function
+from kennfeld.models.simulink.code.functions.reductions import along, along_default, total
+from kennfeld.models.simulink.code.functions.registry import Given, function, is_vector
 from kennfeld.models.simulink.code.values import Held, constants
 from kennfeld.models.simulink.expressions.arrays import each, matrix_product
 from kennfeld.models.simulink.expressions.signals import Nodes
@@ -16,9 +16,16 @@ from kennfeld.models.simulink.expressions.signals import Nodes
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls
 
-__all__ = ["divided", "power", "product", "solved"]
+__all__ = ["divided", "power", "product", "solved", "transposed"]
 
 _LARGEST: Final = 12  # rows of a system of equations: the choice of pivots grows with their cube
+
+
+def transposed(array: Nodes) -> Nodes:
+    """Rows as columns."""
+    if array.ndim > 2:
+        raise CodeError(f"an array of {array.ndim} dimensions cannot be transposed", "Use permute.")
+    return array.T
 
 
 def product(loom: Loom, left: Nodes, right: Nodes) -> Nodes:
@@ -79,9 +86,9 @@ def power(calls: "Calls", left: Nodes, right: Nodes) -> Nodes:
     exponent = calls.desk.numbers(right, "the power of a matrix")
     if exponent is None or exponent.size != 1 or left.ndim != 2 or left.shape[0] != left.shape[1]:
         raise CodeError("a power of or with a matrix that is not square or not fixed", "Use .^ element by element.")
-    times = int(exponent.item())
-    if times != exponent.item() or not -64 <= times <= 64:
+    if not float(exponent.item()).is_integer() or not -64 <= exponent.item() <= 64:
         raise CodeError(f"the power {exponent.item():g} of a matrix")
+    times = int(exponent.item())
     unit = constants(calls.loom, np.eye(left.shape[0]))
     base = left if times >= 0 else solved(calls.loom, left, unit)
     return reduce(lambda a, b: product(calls.loom, a, b), [base] * abs(times)) if times else unit
@@ -94,17 +101,31 @@ def operator(given: Given) -> Held:
     return given.calls.operation(signs[given.name], *given.arrays)
 
 
-@function("inv", "pinv")
+@function("pinv")
+def pseudo_inverse(given: Given) -> Held:
+    """The pseudoinverse of a matrix of constants; of one that depends on signals the inverse, which has to exist."""
+    loom, matrix = given.calls.loom, given.matrix(0)
+    if all(loom.value(int(node)) is not None for node in matrix.ravel()):
+        if not np.isfinite(given.numbers(0)).all():
+            raise given.refuse("its numbers are not finite")
+        return constants(loom, np.linalg.pinv(given.numbers(0)))
+    return _inverse(loom, matrix)
+
+
+@function("inv")
 def inverse(given: Given) -> Held:
     """The inverse of a square matrix."""
-    matrix = given.array(0)
-    return solved(given.calls.loom, matrix, constants(given.calls.loom, np.eye(matrix.shape[0])))
+    return _inverse(given.calls.loom, given.matrix(0))
+
+
+def _inverse(loom: Loom, matrix: Nodes) -> Nodes:
+    return solved(loom, matrix, constants(loom, np.eye(matrix.shape[0])))
 
 
 @function("det")
 def determinant(given: Given) -> Held:
     """The determinant of a square matrix."""
-    loom, matrix = given.calls.loom, given.array(0)
+    loom, matrix = given.calls.loom, given.matrix(0)
     if matrix.shape[0] != matrix.shape[1]:
         raise given.refuse("its matrix is not square")
     a, sign = _eliminated(loom, np.asarray(matrix), matrix.shape[0])
@@ -116,7 +137,7 @@ def determinant(given: Given) -> Held:
 @function("trace")
 def trace(given: Given) -> Held:
     """The sum of the diagonal."""
-    diagonal = np.diagonal(given.array(0)).reshape(-1, 1)
+    diagonal = np.diagonal(given.matrix(0)).reshape(-1, 1)
     return along(diagonal, 0, lambda parts: total(given.calls.loom, "add", 0.0, parts))
 
 
@@ -124,11 +145,12 @@ def trace(given: Given) -> Held:
 def dot(given: Given) -> Held:
     """The sum of the products of elements; of matrices along their columns."""
     loom, (a, b) = given.calls.loom, given.arrays
-    if 1 in a.shape and 1 in b.shape:
+    if is_vector(a) and is_vector(b):
         a, b = a.reshape(-1, 1), b.reshape(-1, 1)
     if a.shape != b.shape:
         raise given.refuse("its arguments have different sizes")
-    return along(each(loom, "mul", a, b), 0, lambda parts: total(loom, "add", 0.0, parts))
+    products, axis = along_default(given, 2, each(loom, "mul", a, b))
+    return along(products, axis, lambda parts: total(loom, "add", 0.0, parts))
 
 
 @function("cross", least=2, most=2)
@@ -149,7 +171,7 @@ def norm(given: Given) -> Held:
     order: object = 2.0
     if len(given) > 1:
         order = given.held[1] if isinstance(given.held[1], str) else float(given.numbers(1).item())
-    vector = 1 in array.shape
+    vector = is_vector(given.matrix(0))
     if order == "fro" or (vector and order == 2.0):
         flat = each(loom, "mul", array, array).reshape(-1, 1)
         return each(loom, "sqrt", along(flat, 0, lambda parts: total(loom, "add", 0.0, parts)))

@@ -4,20 +4,42 @@ A new function is a rule with `@function("name", least, most)` in a file of its 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.code.values import Held, Later, array_of, resolved
+from kennfeld.models.simulink.code.values import Held, Later, Truths, array_of, integers, resolved, word_of
+from kennfeld.models.simulink.expressions.arrays import aligned
+from kennfeld.models.simulink.expressions.integer_types import Word, word_named
 from kennfeld.models.simulink.expressions.signals import Nodes
 from kennfeld.models.simulink.variables.scopes import Array
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.code.calls import Calls
 
-__all__ = ["LIBRARY", "Given", "Library", "function"]
+__all__ = ["KEEPS_INTEGERS", "LIBRARY", "TAKES_TABLES", "Given", "Library", "function", "is_vector", "matlab_word"]
+
+# functions whose first result has the integer type of their arguments
+KEEPS_INTEGERS = frozenset(
+    {"abs", "sign", "floor", "ceil", "fix", "round", "real", "conj", "uminus", "uplus", "plus", "minus", "times"}
+    | {"rdivide", "ldivide", "power", "mod", "rem", "idivide", "min", "max", "sum", "prod", "cumsum", "cumprod"}
+    | {"diff", "sort", "median", "cat", "horzcat", "vertcat", "repmat", "diag", "tril", "triu", "flip", "fliplr"}
+    | {"flipud", "circshift", "reshape", "permute", "squeeze", "transpose", "ctranspose", "mtimes", "linspace"}
+)
+TAKES_TABLES = frozenset({"interp1", "interp2"})  # functions that may make a table of a parameter
+
+
+def matlab_word(name: str) -> Word | None:
+    """The integer type of a class of MATLAB, which rounds and keeps numbers within its limits; None of others."""
+    word = word_named(name)
+    return replace(word, rounding="Round", saturates=True) if word is not None else None
+
+
+def is_vector(array: Nodes) -> bool:
+    """Whether an array is one row or one column, which may be empty."""
+    return array.ndim == 2 and 1 in array.shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +61,7 @@ class Given:
     def vector(self, at: int) -> Nodes:
         """An argument as a column; raises `CodeError` where it is a matrix."""
         array = self.array(at)
-        if array.size and 1 not in array.shape:
+        if array.size and not is_vector(array):
             raise self.refuse("of a matrix is not supported", "Call it for each column.")
         return array.reshape(-1, 1, order="F")
 
@@ -50,7 +72,8 @@ class Given:
 
     def fits(self, *arrays: Nodes) -> None:
         """Refuse arrays that grow beyond all bounds where they are expanded against each other."""
-        self.calls.desk.room(float(np.prod(np.broadcast_shapes(*(one.shape for one in arrays)), dtype=np.float64)))
+        shape = np.broadcast_shapes(*(one.shape for one in aligned(*arrays)))
+        self.calls.desk.room(float(np.prod(shape, dtype=np.float64)))
 
     @property
     def arrays(self) -> list[Nodes]:
@@ -71,6 +94,20 @@ class Given:
         if found.size != 1 or not float(found.item()).is_integer():
             raise CodeError(f"argument {at + 1} of {self.name} is no whole number")
         return int(found.item())
+
+    def wholes(self, at: int) -> list[int]:
+        """An argument as whole numbers that depend on no signal."""
+        found = self.numbers(at).ravel(order="F")
+        if not all(float(one).is_integer() for one in found):
+            raise self.refuse(f"argument {at + 1} is not made of whole numbers")
+        return [int(one) for one in found]
+
+    def matrix(self, at: int) -> Nodes:
+        """An argument of two dimensions."""
+        array = self.array(at)
+        if array.ndim > 2:
+            raise self.refuse(f"argument {at + 1} has {array.ndim} dimensions, where a matrix is needed")
+        return array
 
     def text(self, at: int) -> str:
         """An argument as a text."""
@@ -111,10 +148,17 @@ class Library:
             few = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
             raise CodeError(f"{self.name} gets {len(held)} arguments, not {few}")
         try:
-            made = self.rule(Given(self.name, calls, held, wanted))
+            made = self.rule(Given(self.name, calls, self._arguments(held), wanted))
         except (ValueError, IndexError, np.exceptions.AxisError) as error:
             raise CodeError(f"{self.name}: its arguments do not fit each other ({str(error)[:100]})") from None
-        return made if isinstance(made, tuple) else (made,)
+        results = made if isinstance(made, tuple) else (made,)
+        word = word_of(*(one for one in held if isinstance(one, np.ndarray))) if self.name in KEEPS_INTEGERS else None
+        if word is None or not isinstance(results[0], np.ndarray) or isinstance(results[0], Truths):
+            return results
+        return (integers(results[0], word), *results[1:])
+
+    def _arguments(self, held: Sequence[Held]) -> Sequence[Held]:
+        return held if self.name in TAKES_TABLES else [resolved(one) for one in held]
 
 
 LIBRARY: dict[str, Library] = {}

@@ -1,12 +1,25 @@
 """Functions that make arrays of fixed size, tell sizes, and arrange elements."""
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from kennfeld.models.simulink.code.functions.registry import Given, function
-from kennfeld.models.simulink.code.values import Cells, Held, Struct, Truths, constants, truths
+from kennfeld.models.simulink.code.functions.linear import transposed
+from kennfeld.models.simulink.code.functions.registry import Given, function, is_vector, matlab_word
+from kennfeld.models.simulink.code.values import (
+    EMPTY,
+    Cells,
+    Held,
+    String,
+    Struct,
+    Truths,
+    constants,
+    integers,
+    of_class,
+    truths,
+)
 from kennfeld.models.simulink.expressions.arrays import each
 from kennfeld.models.simulink.expressions.signals import Nodes
 
@@ -14,29 +27,55 @@ _FILLED: Final = {
     "zeros": 0.0, "ones": 1.0, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "true": 1.0,
     "false": 0.0,
 }  # fmt: skip
-_ALONE: Final = {"pi": math.pi, "realmax": 1.7976931348623157e308, "realmin": 2.2250738585072014e-308}
+_ALONE: Final = {"realmax": 1.7976931348623157e308, "realmin": 2.2250738585072014e-308}
+_CLASSES: Final = (
+    "double", "single", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+)  # fmt: skip
 _BITS: Final = {"int8": 7, "int16": 15, "int32": 31, "int64": 63, "uint8": 8, "uint16": 16, "uint32": 32, "uint64": 64}
 
 
 def sizes(given: Given, begin: int = 0) -> list[int]:
-    """The size that arguments ask for; a class behind it says nothing here."""
+    """The size that arguments ask for; dimensions of one element at its end do not count."""
     found: list[float] = []
     for at in range(begin, len(given)):
-        if isinstance(given.held[at], str):
-            break
-        found += [float(n) for n in given.numbers(at, "a size").ravel()]
-    made = [max(int(n), 0) for n in found if math.isfinite(n)]
-    if len(made) != len(found):
-        raise given.refuse("a size is not finite")
-    given.calls.desk.room(math.prod(map(float, made)))
-    return made * 2 if len(made) == 1 and len(found) == 1 else made or [1, 1]
+        found += [float(n) for n in given.numbers(at, "a size").ravel(order="F")]
+    if any(not math.isfinite(n) or n != math.floor(n) for n in found):
+        raise given.refuse("a size is not a whole number")
+    if len(found) == 0 < len(given) - begin:
+        raise given.refuse("a size is empty")
+    given.calls.desk.room(math.prod(max(n, 0.0) for n in found))
+    made = [max(int(n), 0) for n in found]
+    made = made * 2 if len(made) == 1 else made or [1, 1]
+    while len(made) > 2 and made[-1] == 1:
+        made.pop()
+    return made
+
+
+def _without_class(given: Given, *allowed: str) -> Given:
+    """The arguments before the name of a class, which says nothing here."""
+    at = next((at for at, one in enumerate(given.held) if isinstance(one, str)), None)
+    if at is None:
+        return given
+    if given.text(at) not in (*_CLASSES, "like"):
+        raise given.refuse(f"{given.text(at)!r} is not a class of numbers")
+    return replace(given, held=given.held[:at])
 
 
 @function(*_FILLED, least=0, most=8)
 def filled(given: Given) -> Held:
     """An array of one number."""
-    made = np.full(sizes(given), given.calls.loom.const(_FILLED[given.name]), dtype=np.int64)
-    return truths(made) if given.name in ("true", "false") else made
+    size = sizes(_without_class(given))
+    made = np.full(size, given.calls.loom.const(_FILLED[given.name]), dtype=np.int64)
+    if given.name in ("true", "false"):
+        return truths(made)
+    kind = next((one for one in given.held if isinstance(one, str)), "")
+    return of_class(given.array(-1), made) if kind == "like" else integers(made, matlab_word(kind))
+
+
+@function("pi", least=0, most=0)
+def pi(given: Given) -> Held:
+    """The number pi."""
+    return constants(given.calls.loom, math.pi)
 
 
 @function(*_ALONE, least=0, most=1)
@@ -68,8 +107,10 @@ def extreme(given: Given) -> Held:
 @function("eye", least=0, most=3)
 def identity(given: Given) -> Held:
     """A matrix with ones on its diagonal."""
-    rows, columns = (*sizes(given), 1)[:2]
-    return constants(given.calls.loom, np.eye(rows, columns))
+    shape = sizes(_without_class(given))
+    if len(shape) > 2:
+        raise given.refuse("a matrix has two sizes")
+    return constants(given.calls.loom, np.eye(shape[0], shape[1]))
 
 
 @function("linspace", least=2, most=3)
@@ -88,7 +129,7 @@ def _shape(held: Held) -> tuple[int, ...]:
     if isinstance(held, np.ndarray):
         return held.shape
     if isinstance(held, str):
-        return (1 if held else 0, len(held))
+        return (1, 1) if isinstance(held, String) else (1 if held else 0, len(held))
     return held.shape if isinstance(held, Cells) else (1, 1)
 
 
@@ -97,7 +138,9 @@ def size(given: Given) -> Held | tuple[Held, ...]:
     """The size of an array, along all dimensions or one."""
     loom, shape = given.calls.loom, _shape(given.held[0])
     if len(given) == 2:
-        chosen = [int(at) for at in given.numbers(1).ravel()]
+        chosen = given.wholes(1)
+        if min(chosen, default=0) < 1:
+            raise given.refuse("a dimension is not a whole number from 1")
         return constants(loom, [[float(shape[at - 1]) if at <= len(shape) else 1.0 for at in chosen]])
     if given.wanted <= 1:
         return constants(loom, [[float(n) for n in shape]])
@@ -127,6 +170,8 @@ def reshaped(given: Given) -> Held:
     array = given.array(0)
     shape = [-1 if given.array(at).size == 0 else 0 for at in range(1, len(given))]
     shape = [size or given.whole(at) for at, size in enumerate(shape, 1)] if -1 in shape else sizes(given, 1)
+    if len(given) == 2 and given.array(1).size == 1:
+        raise given.refuse("a size needs two numbers")
     return array.reshape(shape, order="F")
 
 
@@ -148,20 +193,25 @@ def beside(given: Given) -> Held:
     """Arrays joined along a dimension."""
     first = 1 if given.name == "cat" else 0
     axis = given.whole(0) - 1 if first else int(given.name == "horzcat")
-    arrays = [np.asarray(given.array(at)) for at in range(first, len(given)) if given.array(at).size]
-    return np.concatenate([_deeper(one, axis + 1) for one in arrays], axis=axis)
+    arrays = [given.array(at) for at in range(first, len(given))]
+    if len(arrays) == 1:
+        return arrays[0]
+    kept = [np.asarray(one) for one in arrays if one.size] or [np.asarray(max(arrays, key=np.shape, default=EMPTY))]
+    most = max(axis + 1, *(one.ndim for one in kept))
+    made = np.concatenate([_deeper(one, most) for one in kept], axis=axis)
+    return truths(made) if arrays and all(isinstance(one, Truths) for one in arrays) else made
 
 
 @function("transpose", "ctranspose")
-def transposed(given: Given) -> Held:
+def with_rows_as_columns(given: Given) -> Held:
     """Rows as columns."""
-    return given.array(0).T
+    return transposed(given.array(0))
 
 
 @function("permute", least=2, most=2)
 def permuted(given: Given) -> Held:
     """Dimensions in another order."""
-    order = [int(n) - 1 for n in given.numbers(1).ravel()]
+    order = [n - 1 for n in given.wholes(1)]
     array = given.array(0)
     made = np.transpose(_deeper(array, len(order)), order)
     while made.ndim > 2 and made.shape[-1] == 1:
@@ -188,7 +238,7 @@ def flipped(given: Given) -> Held:
 @function("circshift", least=2, most=3)
 def shifted(given: Given) -> Held:
     """Elements moved by fixed numbers of places, those at the end to the beginning."""
-    array, by = given.array(0), [int(n) for n in given.numbers(1).ravel()]
+    array, by = given.array(0), given.wholes(1)
     if len(by) > 1:
         return np.roll(array, by, axis=tuple(range(len(by))))
     return np.roll(array, by[0], axis=given.dimension(2, array))
@@ -197,28 +247,31 @@ def shifted(given: Given) -> Held:
 @function("diag", least=1, most=2)
 def diagonal(given: Given) -> Held:
     """The diagonal of a matrix, or a matrix with this diagonal."""
-    array, offset = given.array(0), given.whole(1) if len(given) > 1 else 0
-    if 1 not in array.shape:
-        return np.diagonal(array, offset).reshape(-1, 1).copy()
+    array, offset = given.matrix(0), given.whole(1) if len(given) > 1 else 0
+    if not is_vector(array):
+        return EMPTY if array.shape == (0, 0) else np.diagonal(array, offset).reshape(-1, 1).copy()
     count = array.size + abs(offset)
     made = np.full((count, count), given.calls.loom.const(0.0), dtype=np.int64)
     places = np.arange(array.size)
     made[places + max(-offset, 0), places + max(offset, 0)] = array.ravel(order="F")
-    return made
+    return truths(made) if isinstance(array, Truths) else made
 
 
 @function("tril", "triu", least=1, most=2)
 def triangle(given: Given) -> Held:
     """A matrix with zeros above or below its diagonal."""
-    array, offset = np.asarray(given.array(0)), given.whole(1) if len(given) > 1 else 0
+    array, offset = given.matrix(0), given.whole(1) if len(given) > 1 else 0
     keep = np.tril if given.name == "tril" else np.triu
-    return np.where(keep(np.ones(array.shape, dtype=bool), offset), array, given.calls.loom.const(0.0))
+    made = np.where(keep(np.ones(array.shape, dtype=bool), offset), np.asarray(array), given.calls.loom.const(0.0))
+    return truths(made) if isinstance(array, Truths) else made
 
 
 @function("find", least=1, most=3)
 def found(given: Given) -> Held | tuple[Held, ...]:
     """The places of the elements that are not 0, where that is fixed."""
     array = given.array(0)
+    if len(given) > 1 and given.whole(1) < 1:
+        raise given.refuse(f"{given.whole(1)} is not a number of elements")
     numbers = given.calls.desk.numbers(array, "the places that find tells")
     if numbers is None:
         return _first(given, array)
@@ -226,9 +279,12 @@ def found(given: Given) -> Held | tuple[Held, ...]:
     if len(given) > 1:
         last = len(given) > 2 and given.text(2) == "last"
         places = places[-given.whole(1) :] if last else places[: given.whole(1)]
-    shape = (1, -1) if array.shape[0] == 1 and array.size != 1 else (-1, 1)
+    shape = (1, -1) if array.shape[0] == 1 and array.shape[1] != 1 and array.ndim == 2 else (-1, 1)
+    if array.shape == (0, 0) or (array.size == 1 and not places.size):
+        shape = (0, 0)
     if given.wanted > 1:
-        rows, columns = np.unravel_index(places, array.shape, order="F")
+        flat = (array.shape[0], array.size // max(array.shape[0], 1))
+        rows, columns = np.unravel_index(places, flat, order="F")
         return tuple(constants(given.calls.loom, (one + 1.0).reshape(shape)) for one in (rows, columns))
     return constants(given.calls.loom, (places + 1.0).reshape(shape))
 
@@ -270,8 +326,10 @@ def grids(given: Given) -> tuple[Held, ...]:
 @function("kron", least=2, most=2)
 def kronecker(given: Given) -> Held:
     """Every element of a matrix times another matrix."""
-    loom, (a, b) = given.calls.loom, given.arrays
+    loom, (a, b) = given.calls.loom, (given.matrix(0), given.matrix(1))
     given.calls.desk.room(float(a.size) * b.size)
+    if not a.size or not b.size:
+        return np.zeros((a.shape[0] * b.shape[0], a.shape[1] * b.shape[1]), dtype=np.int64)
     rows = [np.concatenate([each(loom, "mul", one.reshape(1, 1), b) for one in row], axis=1) for row in a]
     return np.concatenate(rows, axis=0)
 
@@ -289,12 +347,11 @@ def blocks(given: Given) -> Held:
     return made
 
 
-@function("cell", least=0, most=3)
+@function("cell", least=0, most=8)
 def cells(given: Given) -> Held:
     """Empty cells."""
-    rows, columns = (sizes(given) if len(given) else [0, 0])[:2]
-    empty = np.zeros((0, 0), dtype=np.int64)
-    return Cells((empty,) * (rows * columns), (rows, columns))
+    shape = tuple(sizes(given)) if len(given) else (0, 0)
+    return Cells((EMPTY,) * math.prod(shape), shape)
 
 
 @function("iscell", "isstruct", "ischar", "isstring", "isnumeric", "islogical", "isreal", "isfloat", "isinteger")
@@ -303,8 +360,9 @@ def is_kind(given: Given) -> Held:
     held = given.held[0]
     number = isinstance(held, np.ndarray) and not isinstance(held, Truths)
     found = {
-        "iscell": isinstance(held, Cells), "isstruct": isinstance(held, Struct), "ischar": isinstance(held, str),
-        "isstring": isinstance(held, str), "isreal": isinstance(held, np.ndarray | str),
+        "iscell": isinstance(held, Cells), "isstruct": isinstance(held, Struct),
+        "ischar": isinstance(held, str) and not isinstance(held, String), "isstring": isinstance(held, String),
+        "isreal": isinstance(held, np.ndarray | str) and not isinstance(held, String),
         "islogical": isinstance(held, Truths), "isinteger": False,
     }.get(given.name, number)  # fmt: skip
     return truths(constants(given.calls.loom, float(found)))

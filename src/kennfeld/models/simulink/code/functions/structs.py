@@ -37,8 +37,13 @@ def struct(given: Given) -> Held:
 @function("isfield", least=2, most=2)
 def has_field(given: Given) -> Held:
     """Whether a struct has a field."""
-    held = given.held[0]
-    return truths(constants(given.calls.loom, float(isinstance(held, Struct) and given.text(1) in held.fields)))
+    held, names = given.held[0], given.held[1]
+    if not isinstance(held, Struct):
+        return truths(constants(given.calls.loom, 0.0))
+    if isinstance(names, Cells):
+        found = np.array([one in held.fields if isinstance(one, str) else False for one in names.cells], dtype=bool)
+        return constants(given.calls.loom, found.reshape(names.shape, order="F"))
+    return truths(constants(given.calls.loom, float(isinstance(names, str) and names in held.fields)))
 
 
 @function("fieldnames")

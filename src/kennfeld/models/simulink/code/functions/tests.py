@@ -7,8 +7,10 @@ import numpy as np
 from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.code.functions.registry import Given, function
 from kennfeld.models.simulink.code.values import (
+    EMPTY,
     Cells,
     Held,
+    String,
     Struct,
     Truths,
     array_of,
@@ -18,6 +20,7 @@ from kennfeld.models.simulink.code.values import (
     truths,
 )
 from kennfeld.models.simulink.expressions.arrays import each, fold
+from kennfeld.models.simulink.expressions.signals import Nodes
 
 
 def _fixed(given: Given, found: bool) -> Held:
@@ -66,9 +69,9 @@ def is_a(given: Given) -> Held:
     """Whether a value is of a class; all numbers are in double precision."""
     held, kind = given.held[0], given.text(1)
     number = isinstance(held, np.ndarray) and not isinstance(held, Truths)
-    kinds = {"struct": Struct, "cell": Cells, "char": str, "logical": Truths}
+    kinds = {"struct": Struct, "cell": Cells, "string": String, "char": str, "logical": Truths}
     if kind in kinds:
-        return _fixed(given, isinstance(held, kinds[kind]))
+        return _fixed(given, isinstance(held, kinds[kind]) and not (kind == "char" and isinstance(held, String)))
     return _fixed(given, number and kind in ("double", "float", "numeric"))
 
 
@@ -76,7 +79,7 @@ def is_a(given: Given) -> Held:
 def class_of(given: Given) -> Held:
     """The class of a value; all numbers are in double precision."""
     held = given.held[0]
-    kinds = {Struct: "struct", Cells: "cell", str: "char", Truths: "logical"}
+    kinds = {Struct: "struct", Cells: "cell", String: "string", str: "char", Truths: "logical"}
     return next((name for kind, name in kinds.items() if isinstance(held, kind)), "double")
 
 
@@ -89,6 +92,9 @@ def equal(given: Given) -> Held:
 
 def _pairs(loom: Loom, one: Held, other: Held) -> Iterator[int]:
     """What must hold where two values are equal; never where their forms differ."""
+    one, other = resolved(one), resolved(other)
+    if isinstance(one, str) != isinstance(other, str) and not isinstance(one, String) and not isinstance(other, String):
+        one, other = (_codes(loom, held) if isinstance(held, str) else held for held in (one, other))
     yield loom.const(float(_form(one) == _form(other)))
     if isinstance(one, Struct) and isinstance(other, Struct):
         for name in one.fields.keys() & other.fields.keys():
@@ -100,24 +106,35 @@ def _pairs(loom: Loom, one: Held, other: Held) -> Iterator[int]:
         yield from (int(node) for node in each(loom, "eq", one, other).ravel())
 
 
+def _codes(loom: Loom, text: str) -> Nodes:
+    """The characters of a text as numbers."""
+    return constants(loom, [[float(ord(one)) for one in text]]) if text else EMPTY
+
+
 def _form(held: Held) -> object:
     """What two values that are equal have in common for certain."""
     if isinstance(held, str):
-        return held
+        return str(held)
     if isinstance(held, Struct):
         return frozenset(held.fields)
-    return held.shape if isinstance(held, Cells) else array_of(held).shape
+    return ("cell", held.shape) if isinstance(held, Cells) else array_of(held).shape
 
 
 @function("ismember", least=2, most=2)
 def is_member(given: Given) -> Held:
     """Whether elements are among those of an array, or a text among cells of texts."""
-    one, other = given.held[0], given.held[1]
-    if isinstance(one, str):
-        return _fixed(given, isinstance(other, Cells) and one in other.cells)
-    loom, made = given.calls.loom, np.full(given.array(0).shape, given.calls.loom.const(0.0), dtype=np.int64)
-    given.calls.desk.room(float(made.size) * given.array(1).size)
-    for node in given.array(1).ravel(order="F"):
-        same = each(loom, "eq", given.array(0), node.reshape(1, 1))
+    held, among = given.held[0], given.held[1]
+    if isinstance(among, Cells) and isinstance(held, str):
+        return _fixed(given, held in among.cells)
+    if isinstance(held, String) or isinstance(among, String):
+        if not (isinstance(held, str) and isinstance(among, str)):
+            raise given.refuse("a string stands beside what is none")
+        return _fixed(given, held == among)
+    loom = given.calls.loom
+    one, other = (_codes(loom, part) if isinstance(part, str) else array_of(part) for part in (held, among))
+    made = np.full(one.shape, loom.const(0.0), dtype=np.int64)
+    given.calls.desk.room(float(made.size) * other.size)
+    for node in other.ravel(order="F"):
+        same = each(loom, "eq", one, node.reshape(1, 1))
         made = each(loom, "or", made, same)
     return truths(made)
