@@ -59,3 +59,9 @@ def test_the_factors_of_a_product_keep_limits_of_very_different_sizes(seed):
     assert np.diff(A).min() >= -HOLDS * np.abs(A).max()
     assert np.diff(B).max() <= HOLDS * np.abs(B).max()
     assert B[0] == pytest.approx(1.0, rel=HOLDS)
+
+
+def test_a_pin_of_an_extreme_size_is_an_answer_and_no_warning():
+    start = kf.ParameterSet([kf.Curve("C", range(3), [0.0] * 3)])
+    result = kf.calibrate("m = C(x)", {"x": [0.0, 1.0], "z": [1.0, 2.0]}, start, "z", pins=[Pin("C", (2.0,), 1e308)])
+    assert result.parameters["C"].values[2] == pytest.approx(1e308)

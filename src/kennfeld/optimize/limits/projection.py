@@ -15,6 +15,7 @@ __all__ = ["infeasible", "missed_limits", "project"]
 FEASIBLE = 1e-9  # of the limits' scale
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a scale that overflows is met by nothing or by all
 def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     """The values moved into the limits, None where that is impossible; and a remark, empty where nothing was moved.
 
