@@ -18,7 +18,7 @@ from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.multipliers import descend_within
 from kennfeld.optimize.limits.output_limits import OutputLimits
-from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.limits.projection import FEASIBLE, project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.result import Result, Seconds, TraceLine
@@ -32,6 +32,8 @@ from kennfeld.threads import blas_threads
 __all__ = ["Options", "Progress", "Run", "run"]
 
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
+UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
+ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
@@ -140,7 +142,8 @@ class Run:
             return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
         if search is not None:
             return search(start, limits), remark
-        return self._with_reasons(self._limited(self._descend(start, limits), start, limits)), remark
+        end = self._limited(self._descend(start, limits), start, limits)
+        return self._with_reasons(self._faint_restored(end, start, limits)), remark
 
     def result(self, search: Search | None = None) -> Result:
         """The result of the run, or of another search of the same problem."""
@@ -233,6 +236,23 @@ class Run:
                 break
         best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
         return _with_effort(best, ends)
+
+    def _faint_restored(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end with the start of the values whose effect is mere rounding there.
+
+        They may have moved while it was more than that: an initial state while a time constant was larger.
+        """
+        if not np.isfinite(end.cost):
+            return end
+        faint = self.objective.faint(end.values) & (end.values != start)
+        if not faint.any():
+            return end
+        values = np.where(faint, start, end.values)
+        cost = self.objective.cost(values)
+        rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
+        if not cost <= end.cost + rounding or limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
+            return end
+        return replace(end, values=values, cost=cost)
 
     def _with_reasons(self, end: Descent) -> Descent:
         """The end with a sentence on the trial values that were rejected on the way."""

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.native import Cholesky
 from kennfeld.optimize.free_axes.breakpoints import order_of, rising
 from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.sensitivity import Sensitivity
 
 __all__ = ["SumOfSquares"]
 
@@ -15,7 +16,10 @@ FLOOR = 1e-6  # of the mean curvature in the same table
 
 
 class SumOfSquares:
-    """Data cost plus roughness; see `gauss_newton.Objective`."""
+    """Data cost plus roughness; see `gauss_newton.Objective`.
+
+    Slopes of the data that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
+    """
 
     def __init__(self, compiled: Compiled) -> None:
         self._compiled = compiled
@@ -24,6 +28,7 @@ class SumOfSquares:
         self._order = order_of(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+        self._sensitivity = Sensitivity(compiled)
         self._cholesky = Cholesky(0 if self._small else self._free)
         if not self._small:
             compiled.accumulator.prepare()
@@ -63,8 +68,15 @@ class SumOfSquares:
 
     def normal(self, values: Float) -> tuple[Float, Float]:
         """Half the gradient and the Gauss-Newton matrix."""
-        found = self._compiled.accumulator.normal(self._values(values))
-        self._compiled.roughness.add(values, found.gradient, found.matrix)
+        accumulator, roughness = self._compiled.accumulator, self._compiled.roughness
+        found = accumulator.normal(self._values(values))
+        faint = self._faint(np.diag(found.matrix).copy())
+        if faint.any():
+            found = accumulator.normal(self._full)  # judging may have computed it elsewhere
+            found.gradient[faint] = 0.0
+            found.matrix[faint, :] = 0.0
+            found.matrix[:, faint] = 0.0
+        roughness.add(values, found.gradient, found.matrix)
         return found.gradient, found.matrix
 
     def rows(self, values: Float) -> tuple[Float, Float]:
@@ -72,8 +84,23 @@ class SumOfSquares:
         residual, jacobian = self._compiled.accumulator.rows(self._values(values))
         if not np.all(np.isfinite(residual)):
             self._compiled.rejected.add(values)
+        jacobian[:, self._faint(_squares(jacobian))] = 0.0
         rough, rows = self._compiled.roughness.rows(values)
         return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
+
+    def faint(self, values: Float) -> Bool:
+        """Which values move the scored outputs by rounding errors only."""
+        return self._faint(self._curvature(self._values(values)))
+
+    def _faint(self, curvature: Float) -> Bool:
+        return self._sensitivity.faint(self._full, curvature, self._curvature)
+
+    def _curvature(self, full: Float) -> Float:
+        """That of the data along each free value."""
+        accumulator = self._compiled.accumulator
+        if self._small:
+            return _squares(accumulator.rows(full)[1])
+        return np.diag(accumulator.normal(full).matrix).copy()
 
     def cholesky(self, size: int) -> Cholesky:
         """What factors the matrix of `size` of the values."""
@@ -82,14 +109,25 @@ class SumOfSquares:
         return self._cholesky
 
     def floor(self, diagonal: Float) -> Float:
-        """A share of the mean curvature in the same table, so that values hardly touched by data do not run away."""
+        """A share of the curvature in the same table, so that values hardly touched by data do not run away.
+
+        It is the mean there, or the largest on all simulated samples where some of them are not scored.
+        """
         floor = np.zeros(self._free)
         for name, at in self._compiled.values.offsets.items():
             if at < self._free:
                 size = self._compiled.problem.parameters[name].size
-                floor[at : at + size] = FLOOR * diagonal[at : at + size].mean() if size > 1 else 0.0
+                part = slice(at, at + size)
+                own = diagonal[part].mean() if size > 1 else 0.0
+                floor[part] = FLOOR * max(own, self._sensitivity.everywhere(self._full)[at])
         for key, at in self._compiled.values.moving.items():
             if at < self._free:
                 part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
                 floor[part] = FLOOR * diagonal[part].mean()
         return floor
+
+
+def _squares(jacobian: Float) -> Float:
+    """The sum of squares of each column."""
+    found: Float = np.einsum("ij,ij->j", jacobian, jacobian)
+    return found
