@@ -26,6 +26,7 @@ from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.search.step import Step
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.trust.inspection import Inspection
+from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameters import ParameterSet
 from kennfeld.threads import blas_threads
 
@@ -34,6 +35,7 @@ __all__ = ["Options", "Progress", "Run", "run"]
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
+SADDLES = 3  # descents that may begin anew where values cannot move
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
@@ -132,18 +134,50 @@ class Run:
         other.trace = []
         return other
 
+    def begin(self, limits: Limits) -> tuple[Float | None, str]:
+        """The start moved into the limits, and off a saddle; None where that is impossible. And a remark on it."""
+        kept, remark = project(self.objective.start, limits)
+        if kept is None or self.options.method == "global" or self.objective.cost(kept) == 0:
+            return kept, remark
+        off = departure(self.exact, kept, limits)
+        return (kept, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
+
     def end(self, search: Search | None = None) -> tuple[Descent, str]:
-        """Where the search from the projected start ends, and a remark on that start."""
+        """Where the search ends that begins at `begin`, and a remark on that start."""
         self.exact.rejected.clear()
         given = self.objective.start
         limits = limits_of(self.problem, self.exact.values)
-        start, remark = project(given, limits)
+        start, remark = self.begin(limits)
         if start is None:
             return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
         if search is not None:
             return search(start, limits), remark
-        end = self._limited(self._descend(start, limits), start, limits)
-        return self._with_reasons(self._faint_restored(end, start, limits)), remark
+        end = self._limited(self._off_saddles(self._descend(start, limits), limits), start, limits)
+        end = self._faint_restored(end, start, limits)
+        kept, usual = project(given, limits)
+        if kept is not None and not np.array_equal(kept, start) and not end.cost < self.objective.cost(kept):
+            end, remark = replace(end, values=kept, cost=self.objective.cost(kept)), usual
+        return self._with_reasons(end), remark
+
+    def _off_saddles(self, end: Descent, limits: Limits) -> Descent:
+        """The end of descents from an end at which values cannot move; it has failed if they all lead to such ends."""
+        ends = [end]
+        for _ in range(SADDLES):
+            if end.status != "converged" or end.cost == 0 or self.options.method == "global":
+                break
+            off = departure(self.exact, end.values, limits)
+            if off is None:
+                break
+            ends.append(self._descend(off.values, limits))
+            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                break
+            end = ends[-1]
+        else:
+            if end.status == "converged" and (off := departure(self.exact, end.values, limits)) is not None:
+                names = " and ".join(off.stuck)
+                message = f"The slopes of {names} vanish again and again. Give them another start, or bounds without 0."
+                end = replace(end, status="failed", message=message)
+        return _with_effort(end, ends)
 
     def result(self, search: Search | None = None) -> Result:
         """The result of the run, or of another search of the same problem."""

@@ -92,6 +92,15 @@ class SumOfSquares:
         """Which values move the scored outputs by rounding errors only."""
         return self._faint(self._curvature(self._values(values)))
 
+    def sloped(self, values: Float) -> Bool | None:
+        """Which values have a slope at some scored sample, roughness left out; None where a slope is not finite."""
+        accumulator, full = self._compiled.accumulator, self._values(values)
+        if self._small:
+            jacobian = accumulator.rows(full)[1]
+            return (jacobian != 0).any(axis=0) if np.isfinite(jacobian).all() else None
+        curvature = self._curvature(full)
+        return curvature > 0 if np.isfinite(curvature).all() else None
+
     def _faint(self, curvature: Float) -> Bool:
         return self._sensitivity.faint(self._full, curvature, self._curvature)
 

@@ -18,6 +18,7 @@ from kennfeld.project.coverage import Coverage
 from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.project.start_check import start_warning
 from kennfeld.project.step_check import step_warning
 from kennfeld.project.toml import quoted
 
@@ -41,7 +42,7 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_names(file, problem),
     ]
     warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
-    return [*warnings, *event_warning(file, problem), *step_warning(file, problem)]
+    return [*warnings, *event_warning(file, problem), *step_warning(file, problem), *start_warning(file, problem)]
 
 
 _Warning = tuple[str, str, str]

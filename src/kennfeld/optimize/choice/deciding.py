@@ -16,7 +16,6 @@ from kennfeld.optimize.choice.correlation import independent_samples
 from kennfeld.optimize.choice.lag import at_the_end, with_shifts_found
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
-from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, Seconds, StartResult
 from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton
@@ -81,7 +80,7 @@ class _Smoothing:
         """The end of the search, of a search from there, or of the fit on which smoothness was chosen."""
         plain, options = self.plain, self.options
         limits = limits_of(plain.problem, plain.exact.values)
-        start, _ = project(plain.objective.start, limits)
+        start, _ = plain.begin(limits)
         if start is None:
             return self.search(_with_none(plain.problem))
         choice = choice_of(plain, start, limits)
