@@ -21,13 +21,14 @@ class SumOfSquares:
     Slopes of the data that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
     """
 
-    def __init__(self, compiled: Compiled) -> None:
+    def __init__(self, compiled: Compiled, *, by_rows: bool = True) -> None:
+        """Without `by_rows`, even a small problem is solved by its sums: faster, with half the digits."""
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
         self._order = order_of(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
-        self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+        self._small = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._sensitivity = Sensitivity(compiled)
         self._cholesky = Cholesky(0 if self._small else self._free)
         if not self._small:

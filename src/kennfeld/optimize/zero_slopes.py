@@ -1,7 +1,7 @@
 """Starts that cannot move: values at 0 whose slopes are all zero, because another value at 0 multiplies them.
 
-With `y = A(u) * B(v)` and both tables at 0, no slope says that either matters; a descent would stay there for ever, at a
-saddle. Such values are found by evaluation, not from the formula, so models of any kind are covered: a value at 0 is
+With `y = A(u) * B(v)` and both tables at 0, no slope says that either matters; a descent would stay at this saddle for
+ever. Such values are found by evaluation, not from the formula, so models of any kind are covered: a value at 0 is
 stuck if its slopes are zero, remain so however the values with slopes move, and are not zero once the stuck values move
 together. A start leaves the saddle by setting as few parameters as possible to a level other than 0.
 """

@@ -13,7 +13,7 @@ from kennfeld.arrays import Float
 from kennfeld.optimize.calibration import Options, Progress, Run
 from kennfeld.optimize.choice.automatic import Choice, chosen
 from kennfeld.optimize.choice.correlation import independent_samples
-from kennfeld.optimize.choice.lag import at_the_end, with_shifts_found
+from kennfeld.optimize.choice.lag import with_shifts_found
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
@@ -37,8 +37,7 @@ def decided(problem: Problem, options: Options, progress: Progress | None, read:
     ready = problem
     if problem.unknown_shifts:
         with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
-            ready, shifts = with_shifts_found(problem)
-        said = at_the_end(problem, shifts)
+            ready, shifts, said = with_shifts_found(problem)
     result = _smoothed(ready, options, progress, search) if ready.automatic_names else search(ready)
     total = time.perf_counter() - began + read
     compiling = result.seconds.compile
