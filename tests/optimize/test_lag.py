@@ -118,6 +118,76 @@ def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
     assert error < 0.9 * without.quality[0].rmse_after
 
 
+GRID = np.arange(6.0)
+FLAT = {name: kf.Curve(name, GRID, np.ones(6)) for name in "AB"}
+SHAPES = {
+    "line": ("m = a + b*u + c*v", {"a": 0.0, "b": 0.0, "c": 0.0}, lambda u, v: 3 + 2 * u - v),
+    "curve": ("m = A(u)", {"A": FLAT["A"]}, lambda u, v: np.sin(u)),
+    "bump": ("m = A(u)", {"A": FLAT["A"]}, lambda u, v: np.exp(-4 * (u - 2.5) ** 2)),
+    "sum": ("m = A(u) + B(v)", FLAT, lambda u, v: np.sin(u) + np.cos(v)),
+    "product": ("m = A(u) * B(v)", FLAT, lambda u, v: (2 + np.sin(u)) * (2 + np.cos(v))),
+    "zeros": ("m = A(u) * b", {"A": kf.Curve("A", GRID, np.zeros(6)), "b": 0.0}, lambda u, v: np.cos(u)),
+    "map": ("m = M(u, v)", {"M": kf.Map("M", GRID, GRID, np.zeros((6, 6)))}, lambda u, v: np.sin(u) * np.cos(v)),
+}
+
+
+def recorded(shape, late, seed=0, noise=0.1, samples=300, **attributes):
+    """Points in no order: a channel that is late by a sample has nothing to do with the others."""
+    text, start, truth = SHAPES[shape]
+    rng = np.random.default_rng(seed)
+    u, v = rng.uniform(0, 5, (2, samples))
+    t = truth(u, v)
+    data = kf.Dataset.of("d", {"u": u, "v": v, "t": t + noise * t.std() * rng.normal(size=samples)}, **attributes)
+    return text, shifted(data, {"t": late * 0.1 if "time" in attributes else late}), start
+
+
+def search(text, data, start, **arguments):
+    return kf.calibrate(
+        text, data, start, "t", shift={"t": "auto"}, options=kf.Options(continuation="off"), **arguments
+    )
+
+
+@pytest.mark.parametrize(
+    ("shape", "late", "noise"),
+    [
+        ("line", 3.0, 0.02),
+        ("curve", -7.0, 0.3),
+        ("bump", 15.0, 0.3),
+        ("sum", 3.0, 0.3),
+        ("product", -7.0, 0.02),
+        ("zeros", 11.0, 0.1),
+        ("map", 15.0, 0.02),
+        ("map", 0.0, 0.3),
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_shift_of_steady_points_in_any_order_is_found(shape, late, noise, seed):
+    result = search(*recorded(shape, late, seed, noise))
+    assert result.shifts == {"d": {"t": -late}}
+    assert f"The shift of t in d, {0 - late:g} samples, is clear: the error is" in result.message
+
+
+@pytest.mark.parametrize("late", [0.0, 4.0, -9.0])
+def test_the_shift_of_signals_that_change_with_every_sample_is_found(late):
+    result = search(*recorded("sum", late, noise=0.02, samples=1200, time=0.1 * np.arange(1200)))
+    assert result.shifts["d"]["t"] == pytest.approx(-0.1 * late, abs=0.006)
+
+
+def test_a_shift_that_the_data_do_not_tell_is_said_to_be_unclear():
+    text, data, start = recorded("curve", 0.0)
+    unrelated = data.with_channels(kf.Channel("t", np.random.default_rng(9).normal(size=300)))
+    result = search(text, unrelated, start)
+    assert "The shift of t in d is not clear: the error is" in result.message
+    assert "Give it as a number." in result.message
+
+
+def test_two_late_channels_are_both_found():
+    text, data, start = recorded("sum", 0.0, samples=400)
+    late = shifted(data, {"u": 4.0, "v": -3.0})
+    result = kf.calibrate(text, late, start, "t", shift={"u": "auto", "v": "auto"})
+    assert result.shifts == {"d": {"u": -4.0, "v": 3.0}}
+
+
 def test_a_channel_without_a_part_cannot_be_shifted():
     with pytest.raises(kf.KennfeldError, match=r"there is no channel Torqe\. Did you mean Torque"):
         calibrated(bench(0), {"Torqe": "auto"})

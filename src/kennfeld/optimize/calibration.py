@@ -19,7 +19,7 @@ from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.multipliers import descend_within
 from kennfeld.optimize.limits.output_limits import OutputLimits
-from kennfeld.optimize.limits.projection import missed_limits, project
+from kennfeld.optimize.limits.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.quality import Quality
@@ -29,12 +29,16 @@ from kennfeld.optimize.search.step import Step
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.optimize.worsening import admissible_share, worsened
+from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameters import ParameterSet
 from kennfeld.threads import blas_threads
 
 __all__ = ["Options", "Progress", "Run", "run"]
 
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
+UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
+ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
+SADDLES = 3  # descents that may begin anew where values cannot move
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
 
@@ -140,19 +144,30 @@ class Run:
         other.trace = []
         return other
 
+    def begin(self, limits: Limits) -> tuple[Float | None, str]:
+        """The start moved into the limits, and off a saddle; None where that is impossible. And a remark on it."""
+        kept, remark = project(self.objective.start, limits)
+        if kept is None or self.options.method == "global" or self.objective.cost(kept) == 0:
+            return kept, remark
+        off = departure(self.exact, kept, limits)
+        return (kept, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
+
     def end(self, search: Search | None = None) -> tuple[Descent, str]:
-        """Where the search from the projected start ends, and a remark on that start."""
+        """Where the search ends that begins at `begin`, and a remark on that start."""
         self.exact.rejected.clear()
         given = self.objective.start
         limits = limits_of(self.problem, self.exact.values)
-        start, remark = project(given, limits)
+        start, remark = self.begin(limits)
         if start is None:
             return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
         if search is not None:
-            end = search(start, limits)
-        else:
-            end = self._with_reasons(self._limited(self._descend(start, limits), start, limits))
-        return self._within(end, limits), remark
+            return self._within(search(start, limits), limits), remark
+        end = self._limited(self._off_saddles(self._descend(start, limits), limits), start, limits)
+        end = self._faint_restored(end, start, limits)
+        kept, usual = project(given, limits)
+        if kept is not None and not np.array_equal(kept, start) and not end.cost < self.objective.cost(kept):
+            end, remark = replace(end, values=kept, cost=self.objective.cost(kept)), usual
+        return self._within(self._with_reasons(end), limits), remark
 
     def _within(self, end: Descent, limits: Limits) -> Descent:
         """The end, moved onto the limits if it misses one; only values that keep all of them have converged."""
@@ -167,6 +182,26 @@ class Run:
             return moved
         message = "The values found missed their limits and were moved to the nearest ones that keep them: they are "
         return replace(moved, status="failed", message=f"{message}not the best. Missed: {missed}.")
+
+    def _off_saddles(self, end: Descent, limits: Limits) -> Descent:
+        """The end of descents from an end at which values cannot move; it has failed if they all lead to such ends."""
+        ends = [end]
+        for _ in range(SADDLES):
+            if end.status != "converged" or end.cost == 0 or self.options.method == "global":
+                break
+            off = departure(self.exact, end.values, limits)
+            if off is None:
+                break
+            ends.append(self._descend(off.values, limits))
+            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                break
+            end = ends[-1]
+        else:
+            if end.status == "converged" and (off := departure(self.exact, end.values, limits)) is not None:
+                names = " and ".join(off.stuck)
+                message = f"The slopes of {names} vanish again and again. Give them another start, or bounds without 0."
+                end = replace(end, status="failed", message=message)
+        return _with_effort(end, ends)
 
     def result(self, search: Search | None = None) -> Result:
         """The result of the run, or of another search of the same problem."""
@@ -275,6 +310,23 @@ class Run:
                 break
         best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
         return _with_effort(best, ends)
+
+    def _faint_restored(self, end: Descent, start: Float, limits: Limits) -> Descent:
+        """The end with the start of the values whose effect is mere rounding there.
+
+        They may have moved while it was more than that: an initial state while a time constant was larger.
+        """
+        if not np.isfinite(end.cost):
+            return end
+        faint = self.objective.faint(end.values) & (end.values != start)
+        if not faint.any():
+            return end
+        values = np.where(faint, start, end.values)
+        cost = self.objective.cost(values)
+        rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
+        if not cost <= end.cost + rounding or limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
+            return end
+        return replace(end, values=values, cost=cost)
 
     def _with_reasons(self, end: Descent) -> Descent:
         """The end with a sentence on the trial values that were rejected on the way."""

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.native import Cholesky
 from kennfeld.optimize.free_axes.breakpoints import order_of, rising
 from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.sensitivity import Sensitivity
 
 __all__ = ["SumOfSquares"]
 
@@ -14,15 +15,20 @@ LEARNING_VALUES = 128
 
 
 class SumOfSquares:
-    """Data cost plus roughness; see `gauss_newton.Objective`."""
+    """Data cost plus roughness; see `gauss_newton.Objective`.
 
-    def __init__(self, compiled: Compiled) -> None:
+    Slopes of the data that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
+    """
+
+    def __init__(self, compiled: Compiled, *, by_rows: bool = True) -> None:
+        """Without `by_rows`, even a small problem is solved by its sums: faster, with half the digits."""
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
         self._order = order_of(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
-        self._small = self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+        self._small = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+        self._sensitivity = Sensitivity(compiled)
         self._cholesky = Cholesky(0 if self._small else self._free)
         if not self._small:
             compiled.accumulator.prepare()
@@ -62,8 +68,16 @@ class SumOfSquares:
 
     def normal(self, values: Float) -> tuple[Float, Float]:
         """Half the gradient and the Gauss-Newton matrix."""
-        found = self._compiled.accumulator.normal(self._values(values))
-        self._compiled.roughness.add(values, found.gradient, found.matrix)
+        accumulator, roughness = self._compiled.accumulator, self._compiled.roughness
+        found = accumulator.normal(self._values(values))
+        diagonal = np.diag(found.matrix).copy()
+        faint = self._faint(diagonal) & (diagonal > 0)
+        if faint.any():
+            found = accumulator.normal(self._full)  # judging may have computed it elsewhere
+            found.gradient[faint] = 0.0
+            found.matrix[faint, :] = 0.0
+            found.matrix[:, faint] = 0.0
+        roughness.add(values, found.gradient, found.matrix)
         return found.gradient, found.matrix
 
     def rows(self, values: Float) -> tuple[Float, Float]:
@@ -71,8 +85,32 @@ class SumOfSquares:
         residual, jacobian = self._compiled.accumulator.rows(self._values(values))
         if not np.all(np.isfinite(residual)):
             self._compiled.rejected.add(values)
+        jacobian[:, self._faint(_squares(jacobian))] = 0.0
         rough, rows = self._compiled.roughness.rows(values)
         return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
+
+    def faint(self, values: Float) -> Bool:
+        """Which values move the scored outputs by rounding errors only."""
+        return self._faint(self._curvature(self._values(values)))
+
+    def sloped(self, values: Float) -> Bool | None:
+        """Which values have a slope at some scored sample, roughness left out; None where a slope is not finite."""
+        accumulator, full = self._compiled.accumulator, self._values(values)
+        if self._small:
+            jacobian = accumulator.rows(full)[1]
+            return (jacobian != 0).any(axis=0) if np.isfinite(jacobian).all() else None
+        curvature = self._curvature(full)
+        return curvature > 0 if np.isfinite(curvature).all() else None
+
+    def _faint(self, curvature: Float) -> Bool:
+        return self._sensitivity.faint(self._full, curvature, self._curvature)
+
+    def _curvature(self, full: Float) -> Float:
+        """That of the data along each free value."""
+        accumulator = self._compiled.accumulator
+        if self._small:
+            return _squares(accumulator.rows(full)[1])
+        return np.diag(accumulator.normal(full).matrix).copy()
 
     def cholesky(self, size: int) -> Cholesky:
         """What factors the matrix of `size` of the values."""
@@ -81,14 +119,25 @@ class SumOfSquares:
         return self._cholesky
 
     def mean_curvature(self, diagonal: Float) -> Float:
-        """For each value the mean of the diagonal over its table; 0 for scalars."""
+        """For each value the mean of the diagonal over its table; 0 for scalars.
+
+        It is at least the largest one on all simulated samples, where some of them are not scored.
+        """
         mean = np.zeros(self._free)
         for name, at in self._compiled.values.offsets.items():
             if at < self._free:
                 size = self._compiled.problem.parameters[name].size
-                mean[at : at + size] = diagonal[at : at + size].mean() if size > 1 else 0.0
+                part = slice(at, at + size)
+                own = diagonal[part].mean() if size > 1 else 0.0
+                mean[part] = max(own, self._sensitivity.everywhere(self._full)[at])
         for key, at in self._compiled.values.moving.items():
             if at < self._free:
                 part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
                 mean[part] = diagonal[part].mean()
         return mean
+
+
+def _squares(jacobian: Float) -> Float:
+    """The sum of squares of each column."""
+    found: Float = np.einsum("ij,ij->j", jacobian, jacobian)
+    return found

@@ -204,7 +204,8 @@ class Compiled:
         self._restarts = any(bound.hold is not None for bound in problem.training)
         if self._restarts:
             graph = restarted(graph)
-        lowered = lower(_with_even_step(graph, problem.training), parameters, free if smooth_like else ())
+        self._step = _even_step(problem.training)
+        lowered = self._lowered = lower(_with_step(graph, self._step), parameters, free if smooth_like else ())
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         outputs = _outputs(problem)
         self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
@@ -267,6 +268,16 @@ class Compiled:
         other.problem, other.start = problem, self.values.pack(problem.parameters)
         return other
 
+    def over(self, problem: Problem) -> "Compiled":
+        """The same for a problem that differs in datasets and start alone, compiled anew only if their step does."""
+        if _even_step(problem.training) != self._step:
+            return Compiled(problem)
+        other = self.moved(problem)
+        other.weighting = Weighting.of(problem.criteria, problem.training)
+        other.samples = other._gathered(self._lowered)
+        other.accumulator = Accumulator(self.kernel, other.samples)
+        return other
+
     def _gathered(self, lowered: Lowered) -> Samples:
         problem = self.problem
         sources = []
@@ -296,12 +307,16 @@ class Compiled:
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
-def _with_even_step(graph: Graph, bounds: Sequence[Bound]) -> Graph:
-    """The graph with `dt` a constant where all data have the same even step."""
+def _even_step(bounds: Sequence[Bound]) -> float | None:
+    """The step of all data, where they have the same even one."""
     steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
-    if len(steps) != 1:
+    return steps.pop() if len(steps) == 1 else None
+
+
+def _with_step(graph: Graph, step: float | None) -> Graph:
+    """The graph with `dt` a constant where it is known."""
+    if step is None:
         return graph
-    step = steps.pop()
 
     def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
         op, _, payload = graph.nodes[at]

@@ -20,6 +20,7 @@ from kennfeld.project.function import coordinates_of
 from kennfeld.project.method import event_warning
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
 from kennfeld.project.seen_data import seen_test_data
+from kennfeld.project.start_check import start_warning
 from kennfeld.project.step_check import step_warning
 from kennfeld.project.toml import quoted
 
@@ -44,7 +45,7 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
     ]
     warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
     warnings += [*_clocks(file, problem, places), *seen_test_data(file, problem, places)]
-    return [*warnings, *event_warning(file, problem), *step_warning(file, problem)]
+    return [*warnings, *event_warning(file, problem), *step_warning(file, problem), *start_warning(file, problem)]
 
 
 def _clocks(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> Iterator[Finding]:

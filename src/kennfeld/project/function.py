@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.graph import Graph
+from kennfeld.graph.factors import factors
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read
 from kennfeld.models.formula.names import Names, Surroundings
@@ -19,7 +20,7 @@ from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["Function", "coordinates_of", "is_drawn", "read_function", "undefined"]
+__all__ = ["Function", "coordinates_of", "initial_level", "is_drawn", "read_function", "undefined"]
 
 _LATER_KINDS = {
     ".esdl": "an ASCET model",
@@ -202,7 +203,20 @@ def _snippet(name: str, count: int, function: Function) -> list[str]:
         spread = "count = 8" if quantity in graph.inputs else "begin = 0.0, end = 1.0, count = 8"
         named = f'input = "{quantity}", ' if quantity else ""
         lines.append(f"{direction} = {{ {named}{spread} }}")
-    return [*lines, "initial = 0.0"]
+    return [*lines, f"initial = {initial_level(graph, name)}"]
+
+
+def initial_level(graph: Graph, parameter: str) -> float:
+    """The number at which a parameter may start of which nothing is known: 1 for a factor, else 0.
+
+    Two factors at 0 would keep each other there.
+
+    >>> from kennfeld.models.formula import formula
+    >>> graph = formula("y = A(u) * B(v) + C(u)").graph
+    >>> initial_level(graph, "A"), initial_level(graph, "C")
+    (1.0, 0.0)
+    """
+    return 1.0 if parameter in factors(graph) else 0.0
 
 
 def coordinates_of(graph: Graph, parameter: str) -> Sequence[str]:

@@ -247,7 +247,7 @@ class _Loading:
             mend = nearest(channel, listed) or f"It has {names}."
             if why.startswith("the input ") and channel not in self.file.channels.values():
                 key = quoted(channel)
-                scalar = f"or define a scalar: [parameters.{key}] initial = 0.0."
+                scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
                 mend = f'{mend} Name its channel in [channels]: {key} = "..."; {scalar}'
             self.findings.append(Finding(place, f"has no channel {channel}, {why}", mend))
 

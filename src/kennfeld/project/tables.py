@@ -16,7 +16,7 @@ from kennfeld.parameters import Axis, Parameter, ParameterSet, parameter
 from kennfeld.project.axes import Axes
 from kennfeld.project.expansions import settled
 from kennfeld.project.free_breakpoints import made_free
-from kennfeld.project.function import Function, coordinates_of
+from kennfeld.project.function import Function, coordinates_of, initial_level
 from kennfeld.project.initial import described, sized
 from kennfeld.project.locking import lacking_axes, within
 from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
@@ -108,12 +108,16 @@ class _Table:
         name, drawn = self.entry.name, self.function is not None and bool(self.function.model.values)
         if not drawn or self.function is None or name in self.function.graph.parameters:
             what = "the parameter is in no initial file and has no values"
-            return "initial", what, "Write initial = 0.0, or all values."
+            return "initial", what, self._initial_advice()
         if ":" in name:
             return "", "this field of the block is no number that can be fitted", "Name a field that holds a number."
         known = list(self.function.graph.parameters)
         mend = nearest(name, known) or f"Its parameters are {', '.join(known[:12])}."
         return "", f"the model has no parameter {name}", mend
+
+    def _initial_advice(self) -> str:
+        level = 0.0 if self.function is None else initial_level(self.function.graph, self.entry.name)
+        return f"Write initial = {level}, or all values."
 
     def _inherited(self, values: Float) -> dict[str, Any]:
         """What the initial file says besides values and axes; bounds only while the shape stays."""
@@ -169,7 +173,7 @@ class _Table:
         if self.old.values.shape == shape:
             return self.old.values
         what = f"the initial file holds {described(self.old)}, the axes here ask for {sized(shape)}"
-        self._report("initial", what, "Write initial = 0.0, or all values.")
+        self._report("initial", what, self._initial_advice())
         return None
 
     def _spread(self, key: str, given: Float, shape: tuple[int, ...], axes: Sequence[Axis] = ()) -> Float | None:

@@ -13,10 +13,9 @@ from kennfeld.arrays import Float
 from kennfeld.optimize.calibration import Options, Progress, Run
 from kennfeld.optimize.choice.automatic import Choice, chosen
 from kennfeld.optimize.choice.correlation import independent_samples
-from kennfeld.optimize.choice.lag import at_the_end, with_shifts_found
+from kennfeld.optimize.choice.lag import with_shifts_found
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
-from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, Seconds, StartResult
 from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton
@@ -38,8 +37,7 @@ def decided(problem: Problem, options: Options, progress: Progress | None, read:
     ready = problem
     if problem.unknown_shifts:
         with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
-            ready, shifts = with_shifts_found(problem)
-        said = at_the_end(problem, shifts)
+            ready, shifts, said = with_shifts_found(problem)
     result = _smoothed(ready, options, progress, search) if ready.automatic_names else search(ready)
     total = time.perf_counter() - began + read
     compiling = result.seconds.compile
@@ -81,7 +79,7 @@ class _Smoothing:
         """The end of the search, of a search from there, or of the fit on which smoothness was chosen."""
         plain, options = self.plain, self.options
         limits = limits_of(plain.problem, plain.exact.values)
-        start, _ = project(plain.objective.start, limits)
+        start, _ = plain.begin(limits)
         if start is None:
             return self.search(_with_none(plain.problem))
         choice = choice_of(plain, start, limits)

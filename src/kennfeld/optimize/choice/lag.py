@@ -1,9 +1,12 @@
 """The lag of a recorded channel, found by the fit: the shift with which the model meets the data best.
 
-First whole samples: fit, then try every lag within a window with the values of that fit, take the best, and fit
-again, until it stays. Then the least cost of a fit at the neighbouring lags: the search goes on where a neighbour is
-better, and the vertex of the parabola through the best three gives the fraction. No recorded value is interpolated for
-that, since interpolation averages noise away and so favours lags between samples.
+First whole samples: a fit at every lag within a window, each from the values of the neighbouring one; the best few are
+fitted again from the start. A fit at one lag does not tell which other lag is better: with points in any order, the
+values that suit a wrong lag suit no other. All fits are judged on the same samples, those that every lag leaves.
+
+Then the least cost at the neighbouring lags: the search goes on where a neighbour is better, and the vertex of the
+parabola through the best three gives the fraction. No recorded value is interpolated for that, since interpolation
+averages noise away and so favours lags between samples.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,23 +14,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.optimize.choice.lag_clarity import Minimum, sentence_on
 from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled, Problem, difference
-from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameters import ParameterSet
 
-__all__ = ["WINDOW", "Shifts", "at_the_end", "moved", "with_shifts_found"]
+__all__ = ["WINDOW", "Shifts", "moved", "with_shifts_found"]
 
 WINDOW = 20  # samples to either side
-ROUNDS = 5
+ROUNDS = 3  # scans of a lag, where there are several
+LIKELY = 3  # lags that are fitted again from the start
 NEAR = 0.05  # of a sample; a whole lag this close is taken
 ROUGH = Settings(max_iterations=30, tolerance=1e-5, patience=2)
+SCAN = Settings(max_iterations=5, tolerance=1e-2, patience=1)
 
 Shifts = Mapping[str, Mapping[str, float]]  # by dataset and channel; s, for steady-state data samples
 
@@ -40,8 +47,8 @@ def moved(problem: Problem, shifts: Shifts) -> Problem:
     return replace(problem, datasets=datasets, unknown_shifts={})
 
 
-def with_shifts_found(problem: Problem) -> tuple[Problem, dict[str, dict[str, float]]]:
-    """The problem with the channels of `unknown_shifts` moved by their lags, and these lags.
+def with_shifts_found(problem: Problem) -> tuple[Problem, dict[str, dict[str, float]], str]:
+    """The problem with the channels of `unknown_shifts` moved by their lags, these lags, and how clear they are.
 
     A lag is found for each training dataset that asks for it; a test dataset gets the median of these, so that it stays
     unseen. Raises `InputError` where a channel plays no part in the problem, or only test data ask for it.
@@ -58,7 +65,8 @@ def with_shifts_found(problem: Problem) -> tuple[Problem, dict[str, dict[str, fl
             if channel not in shifts.get(data.name, {}):
                 known = [found[channel] for found in shifts.values() if channel in found]
                 shifts.setdefault(data.name, {})[channel] = float(np.median(known))
-    return moved(problem, shifts), shifts
+    minima = [search.minimum(i, lag, shifts) for i, lag in enumerate(lags)]
+    return moved(problem, shifts), shifts, sentence_on(minima)
 
 
 @dataclass(frozen=True)
@@ -104,118 +112,148 @@ def _same_names(problem: Problem) -> list[Finding]:
 
 
 class _Search:
-    """The search for all lags, in samples; whole ones together, then one by one."""
+    """The search for all lags, in samples; one after the other, again where another one has changed."""
 
     def __init__(self, problem: Problem, sought: Sequence[_Sought]) -> None:
         self.problem, self.sought = problem, sought
-        names = [difference(i) for i in range(len(problem.criteria))]
-        self.nodes = Nodes(problem.graph, problem.parameters, names)
-        self.costs: dict[tuple[float, ...], tuple[float, ParameterSet]] = {}
+        self.most = [_widest(problem.datasets[at.dataset]) for at in sought]
+        self.fits: dict[tuple[Settings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
+        self.scans: dict[int, dict[float, float]] = {}
+        data = self._data([0.0] * len(sought))
+        self.compiled = Compiled(replace(problem, datasets=data))
+        self.begin = self._begin()
+
+    def _begin(self) -> ParameterSet:
+        """The start, moved off a saddle."""
+        limits = limits_of(self.problem, self.compiled.values)
+        objective = SumOfSquares(self.compiled)
+        kept, _ = project(objective.start, limits)
+        off = None if kept is None else departure(self.compiled, kept, limits)
+        return self.problem.parameters if off is None else self._parameters(off.values, self.problem.parameters)
 
     def found(self) -> list[float]:
         lags = [0.0] * len(self.sought)
-        parameters = self.problem.parameters
         for _ in range(ROUNDS):
-            parameters = self._fitted(lags, parameters)[1]
-            better = [self._likeliest(i, lags, parameters) for i in range(len(lags))]
-            if better == lags:
+            before = list(lags)
+            for which in range(len(lags)):
+                lags = self._best(which, lags)
+            if lags == before or len(lags) == 1:
                 break
-            lags = better
         for i in range(len(lags)):
             lags = self._climbed(i, lags)
         return [self._vertex(i, lags) for i in range(len(lags))]
 
-    def _likeliest(self, which: int, lags: Sequence[float], parameters: ParameterSet) -> float:
-        """The whole lag within the window that meets the data best with these values."""
-        data = self._data(lags)
-        at = self.sought[which]
-        most = min(WINDOW, max(int(np.diff([*data[at.dataset].starts, data[at.dataset].samples]).max()) // 4, 1))
-        trials = sorted(range(-most, most + 1), key=abs)
-        errors = [self._error(data, at, lag - lags[which], parameters) for lag in trials]
-        return float(trials[int(np.argmin(errors))])
+    def _best(self, which: int, lags: Sequence[float]) -> list[float]:
+        """The lags with one of them at the best place within the window."""
+        costs = self._scan(which, lags)
+        self.scans[which] = costs
+        likely = sorted(costs, key=lambda lag: (costs[lag], abs(lag)))[:LIKELY]
+        for lag in likely:
+            trial = _at(lags, which, lag)
+            costs[lag] = min(costs[lag], self._fit(trial, self.begin, ROUGH)[0])
+        return _at(lags, which, min(likely, key=lambda lag: (costs[lag], abs(lag))))
 
-    def _error(self, data: Sequence[Dataset], at: _Sought, lag: float, parameters: ParameterSet) -> float:
-        """Mean square of the weighted errors on one dataset, with one channel moved further."""
-        problem = self.problem
-        dataset = data[at.dataset]
-        bound = problem.bind(shifted(dataset, {at.channel: lag * _step(dataset)}))
-        if not bound.count:
-            return np.inf
-        rows = self.nodes.values(bound, parameters)
-        total = samples = 0.0
-        for row, criterion in zip(rows, problem.criteria, strict=True):
-            errors = row - problem.target(criterion, bound)
-            known = np.isfinite(errors)
-            total += criterion.weight * float(np.sum((errors[known] / criterion.scale) ** 2))
-            samples += criterion.weight * int(known.sum())
-        return total / samples if samples else np.inf
+    def _scan(self, which: int, lags: Sequence[float]) -> dict[float, float]:
+        """The cost of a fit at every whole lag of the window, from where the search is outwards."""
+        here, most = round(lags[which]), self.most[which]
+        cost, parameters = self._fitted(_at(lags, which, here), self.begin, SCAN)
+        costs = {float(here): cost}
+        for side in (range(here + 1, most + 1), range(here - 1, -most - 1, -1)):
+            near = parameters
+            for lag in side:
+                costs[float(lag)], near = self._fitted(_at(lags, which, lag), near, SCAN)
+        return costs
 
     def _climbed(self, which: int, lags: list[float]) -> list[float]:
         """The lags with one of them moved to where no neighbour allows a better fit."""
-        parameters = self._fitted(lags, self.problem.parameters)[1]
+        parameters = self._fitted(lags, self.begin, ROUGH)[1]
         for _ in range(WINDOW):
-            sides = [_changed(lags, which, step) for step in (-1.0, 1.0)]
-            costs = [self._fitted(side, parameters)[0] for side in sides]
+            sides = [_at(lags, which, lags[which] + step) for step in (-1.0, 1.0)]
+            costs = [self._fitted(side, parameters, ROUGH)[0] for side in sides]
             best = int(np.argmin(costs))
-            if costs[best] >= self._fitted(lags, parameters)[0] or abs(sides[best][which]) > WINDOW:
+            if costs[best] >= self._fitted(lags, parameters, ROUGH)[0] or abs(sides[best][which]) > self.most[which]:
                 break
-            lags, parameters = sides[best], self._fitted(sides[best], parameters)[1]
+            lags, parameters = sides[best], self._fitted(sides[best], parameters, ROUGH)[1]
         return lags
 
     def _vertex(self, which: int, lags: list[float]) -> float:
         """The vertex of the parabola through the costs at a lag and its neighbours; whole lags without time."""
         if self.problem.datasets[self.sought[which].dataset].time is None:
             return lags[which]
-        parameters = self._fitted(lags, self.problem.parameters)[1]
-        before, here, after = (self._fitted(_changed(lags, which, step), parameters)[0] for step in (-1.0, 0.0, 1.0))
+        parameters = self._fitted(lags, self.begin, ROUGH)[1]
+        near = [_at(lags, which, lags[which] + step) for step in (-1.0, 0.0, 1.0)]
+        before, here, after = (self._fitted(at, parameters, ROUGH)[0] for at in near)
         bend = before - 2 * here + after
         fraction = float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
         return lags[which] + (fraction if abs(fraction) > NEAR else 0.0)
 
-    def _fitted(self, lags: Sequence[float], start: ParameterSet) -> tuple[float, ParameterSet]:
-        """The mean cost of a short fit, and its values; each set of lags is fitted once."""
-        key = tuple(lags)
-        if key not in self.costs:
-            self.costs[key] = self._fit(self._data(lags), start)
-        return self.costs[key]
+    def minimum(self, which: int, lag: float, shifts: Shifts) -> Minimum:
+        """What the scan says of a lag that was found."""
+        at = self.sought[which]
+        data = self.problem.datasets[at.dataset]
+        shift = shifts[data.name][at.channel]
+        scored = int(np.count_nonzero(self._data([0.0] * len(self.sought))[at.dataset].counting))
+        return Minimum(
+            channel=at.channel,
+            dataset=data.name,
+            shift=shift,
+            step=_step(data),
+            unit="samples" if data.time is None else "s",
+            lag=lag,
+            most=self.most[which],
+            costs=self.scans[which],
+            scored=scored,
+        )
 
-    def _fit(self, data: tuple[Dataset, ...], start: ParameterSet) -> tuple[float, ParameterSet]:
-        problem = replace(self.problem, datasets=data, parameters=start)
-        compiled = Compiled(problem)
+    def _fitted(self, lags: Sequence[float], start: ParameterSet, settings: Settings) -> tuple[float, ParameterSet]:
+        """The mean cost of a short fit, and its values; each set of lags is fitted once with each settings."""
+        key = settings, tuple(lags)
+        if key not in self.fits:
+            self.fits[key] = self._fit(lags, start, settings)
+        return self.fits[key]
+
+    def _fit(self, lags: Sequence[float], start: ParameterSet, settings: Settings) -> tuple[float, ParameterSet]:
+        problem = replace(self.problem, datasets=self._data(lags), parameters=start)
+        compiled = self.compiled.over(problem)
         limits = limits_of(problem, compiled.values)
-        objective = SumOfSquares(compiled)
+        objective = SumOfSquares(compiled, by_rows=settings is not SCAN)
         begin, _ = project(objective.start, limits)
         if begin is None or not compiled.samples.count:
             return np.inf, start
-        end = gauss_newton(objective, begin, limits, ROUGH)
-        full = compiled.start.copy()
-        full[: end.values.size] = end.values
-        return end.cost / compiled.weights, compiled.values.unpack(full, start)
+        end = gauss_newton(objective, begin, limits, settings)
+        return end.cost / compiled.weights, self._parameters(end.values, start)
+
+    def _parameters(self, values: Float, start: ParameterSet) -> ParameterSet:
+        full = self.compiled.values.pack(start)
+        full[: values.size] = values
+        return self.compiled.values.unpack(full, start)
 
     def _data(self, lags: Sequence[float]) -> tuple[Dataset, ...]:
+        """The datasets with their channels moved; only samples are scored that every lag of the window leaves."""
         data = list(self.problem.datasets)
-        for at, lag in zip(self.sought, lags, strict=True):
-            data[at.dataset] = shifted(data[at.dataset], {at.channel: lag * _step(data[at.dataset])})
+        for at, lag, most in zip(self.sought, lags, self.most, strict=True):
+            own = data[at.dataset]
+            data[at.dataset] = _inner(shifted(own, {at.channel: lag * _step(own)}), most)
         return tuple(data)
 
 
-def at_the_end(problem: Problem, shifts: Shifts) -> str:
-    """A sentence on shifts that reach the end of the window; empty where there are none."""
-    ends = [
-        f"{channel} in {data.name}"
-        for data in problem.datasets
-        for channel, shift in shifts.get(data.name, {}).items()
-        if data.use == "training" and abs(shift) > (WINDOW - 0.6) * _step(data)
-    ]
-    if not ends:
-        return ""
-    return (
-        f"The shift of {', '.join(ends)} reached the end of the window of {WINDOW} samples; shift it by a number first."
-    )
+def _widest(data: Dataset) -> int:
+    """How many samples to either side a lag is sought."""
+    longest = int(np.diff([*data.starts, data.samples]).max())
+    return min(WINDOW, max(longest // 4, 1))
 
 
-def _changed(lags: Sequence[float], which: int, by: float) -> list[float]:
-    return [lag + by * (i == which) for i, lag in enumerate(lags)]
+def _inner(data: Dataset, margin: int) -> Dataset:
+    """The dataset with the ends of its pieces not scored; at least half of each piece is."""
+    inside = np.zeros(data.samples, dtype=bool)
+    for piece in data.pieces:
+        left_out = min(margin, (piece.stop - piece.start) // 4)
+        inside[piece.start + left_out : piece.stop - left_out] = True
+    return replace(data, scored=inside if data.scored is None else inside & data.scored)
+
+
+def _at(lags: Sequence[float], which: int, lag: float) -> list[float]:
+    return [float(lag) if i == which else other for i, other in enumerate(lags)]
 
 
 def _step(data: Dataset) -> float:

@@ -10,7 +10,7 @@ from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.quadratic import solve
 
-__all__ = ["infeasible", "missed_limits", "project"]
+__all__ = ["FEASIBLE", "infeasible", "missed_limits", "project"]
 
 FEASIBLE = 1e-9  # of the limits' scale
 

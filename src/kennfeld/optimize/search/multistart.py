@@ -113,7 +113,7 @@ class _Multistart:
     def _search(self, ready: Run, start: Float, limits: Limits) -> Descent:
         """The best end of all starts, as values of the whole problem."""
         climber = Climber(self.problem, self.options, ready)
-        begins = list(self._begins(climber))
+        begins = list(self._begins(climber, self._off_saddle(ready, start, limits)))
         if self.workers > 1 and len(begins) > 1:
             from kennfeld.optimize.search.workers import climb_in_parallel
 
@@ -130,13 +130,24 @@ class _Multistart:
         values = packed if held is None else held
         return Descent(values, ready.objective.cost(values), *self._words(best), *self._effort())
 
-    def _begins(self, climber: Climber) -> Iterator[Begin]:
-        """Where the starts begin that have not come to their end yet."""
+    def _off_saddle(self, ready: Run, start: Float, limits: Limits) -> Mapping[str, Float]:
+        """The values of the first start where the given ones could not move; empty where they can.
+
+        A step that fits a part of the values would not see what the others could do to them.
+        """
+        given, _ = project(ready.objective.start, limits)
+        if given is None or np.array_equal(given, start):
+            return {}
+        parameters = ready.parameters(start)
+        return {name: np.asarray(parameters[name].values) for name in ready.problem.free_names}
+
+    def _begins(self, climber: Climber, first: Mapping[str, Float]) -> Iterator[Begin]:
+        """Where the starts begin that have not come to their end yet; `first` replaces values of the given start."""
         for number in range(1, self.options.starts + 1):
             drawn = drawn_start(self.whole, number, self.options.seed, self.options.spread)
             saved = self.resumed.get(number)
             if saved is None:
-                yield Begin(number, drawn, drawn)
+                yield Begin(number, {**drawn, **first} if number == 1 else drawn, drawn)
                 continue
             values = self._saved_values(saved, drawn)
             self.went_on.append(saved.name or f"start {number}, iteration {saved.iteration}")

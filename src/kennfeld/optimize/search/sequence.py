@@ -13,7 +13,6 @@ from kennfeld.optimize.calibration import Options, Progress, Run
 from kennfeld.optimize.choice.automatic import Choice
 from kennfeld.optimize.choice.deciding import choice_of, with_choice
 from kennfeld.optimize.limits.limiting import limits_of
-from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.result import Seconds, StartResult, TraceLine
@@ -188,7 +187,7 @@ class _Climbing:
         """The factors of a step; None where its limits contradict each other."""
         plain.progress = self._report
         limits = limits_of(plain.problem, plain.exact.values)
-        start, _ = project(plain.objective.start, limits)
+        start, _ = plain.begin(limits)
         return None if start is None else choice_of(plain, start, limits)
 
     def _take_over(self, plain: Run, choice: Choice, parameters: ParameterSet) -> None:

@@ -99,7 +99,6 @@ class Descent:
     evaluations: int
 
 
-INSENSITIVE = 1e-16  # share of the cost that a value moves by its own size, below which its slope may be rounding noise
 MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
 MOST_DAMPING = 1e40  # steps have vanished long before
 PROBE = 0.1  # share of a step at which its curvature is measured
@@ -116,7 +115,7 @@ SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals 
 class _Linearised:
     """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales."""
 
-    def __init__(self, objective: Objective, at: Float, movable: Int, cost: float, scale: Float | None) -> None:
+    def __init__(self, objective: Objective, at: Float, movable: Int, scale: Float | None) -> None:
         self.movable = movable
         self.objective, self.at = objective, at
         if objective.small:
@@ -138,8 +137,6 @@ class _Linearised:
         full[movable] = diagonal
         mean = objective.mean_curvature(full)[movable]
         self.scale = np.maximum(diagonal, FLOOR * mean)
-        size = np.abs(at[movable])
-        self.scale = np.maximum(self.scale, INSENSITIVE * cost / np.where(size > 1e-150, size, np.inf) ** 2)
         self.scale[self.scale <= 0] = 1.0
         if scale is not None:
             self.scale = np.maximum(self.scale, MEMORY * scale)
@@ -281,7 +278,7 @@ class _Descending:
         if self.objective.learns:
             self.secant = Secant(movable.size)
         while self.iterations < self.settings.max_iterations:
-            line = _Linearised(self.objective, self.at, movable, self.cost, self.scale)
+            line = _Linearised(self.objective, self.at, movable, self.scale)
             self.scale = line.scale
             if not line.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")

@@ -44,8 +44,8 @@ PART = 1e-4  # relative part in undetermined directions that is not rounding
 class Estimate:
     """What is known of the values around the end of a fit.
 
-    Matrices are over the values that can move independently and that data or smoothness inform. `uneven` is
-    M - phi H_data, None where all samples have one noise and it is 0.
+    Matrices are over the values that can move independently and that data or smoothness inform. `noise` is M, None
+    where all samples have one noise and it is phi H_data.
     """
 
     reduction: Reduction
@@ -53,7 +53,7 @@ class Estimate:
     spectrum: Spectrum
     data: Float  # curvature of the data
     smoothness: Float  # curvature of the smoothness
-    uneven: Float | None
+    noise: Float | None
     dispersion: float  # phi: variance per unit of cost
     groups: tuple[Group, ...]
     variances: tuple[float, ...]  # of psi at weight 1, for each group
@@ -66,8 +66,10 @@ class Estimate:
     def error(self) -> Float:
         """Covariance of the values' errors, the smoothness being as wrong as its factor claims."""
         inverse = self.spectrum.inverse
-        found: Float = self.dispersion * inverse
-        return found if self.uneven is None else found + inverse @ self.uneven @ inverse
+        if self.noise is None:
+            return self.dispersion * inverse
+        found: Float = inverse @ self._claimed @ inverse
+        return found
 
     @cached_property
     def scatter(self) -> Float:
@@ -92,8 +94,12 @@ class Estimate:
     @property
     def _noisy(self) -> Float:
         """The variance of the gradient, M."""
-        found: Float = self.dispersion * self.data
-        return found if self.uneven is None else found + self.uneven
+        return self.dispersion * self.data if self.noise is None else self.noise
+
+    @property
+    def _claimed(self) -> Float:
+        """M + phi S: the same, the smoothness being as wrong as its factor claims."""
+        return self._noisy + self.dispersion * self.smoothness
 
     @property
     def freedom(self) -> float:
@@ -158,11 +164,11 @@ class Estimate:
         """The variance of linear functions of the values, given as rows; of the values themselves by default."""
         inverse = self.spectrum.inverse
         rows = inverse if functions is None else functions @ inverse
-        matrix = self.uneven if error else self._noisy
-        found: Float = np.zeros(len(rows)) if matrix is None else np.einsum("ij,ij->i", rows @ matrix, rows)
-        if error:
+        if error and self.noise is None:
             own = np.diag(inverse) if functions is None else np.einsum("ij,ij->i", rows, functions)
-            found = found + self.dispersion * own
+            return self.dispersion * own
+        matrix = self._claimed if error else self._noisy
+        found: Float = np.einsum("ij,ij->i", rows @ matrix, rows)
         return found
 
     def covariance(self, *, scatter: bool) -> Float:
@@ -176,8 +182,8 @@ class Estimate:
     def covariance_of(self, functions: Float) -> Float:
         """Covariance of the errors of linear functions, given as rows over the values the matrices are over."""
         rows = functions @ self.spectrum.inverse
-        found: Float = self.dispersion * (rows @ functions.T)
-        return found if self.uneven is None else found + rows @ self.uneven @ rows.T
+        found: Float = self.dispersion * (rows @ functions.T) if self.noise is None else rows @ self._claimed @ rows.T
+        return found
 
     def leverage(self) -> Float:
         """What each of all values takes of the degrees of freedom used: 1 where data alone decide, 0 where they do not.
@@ -255,16 +261,16 @@ def _reduced(
     found = known or variances(groups, used)
     shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, found, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
-    uneven = None
+    noise = None
     if len(groups) > 1:
-        uneven = np.sum([(share - dispersion) * one for share, one in zip(shares, each, strict=True)], axis=0)
+        noise = np.sum([share * one for share, one in zip(shares, each, strict=True)], axis=0)
     return Estimate(
         reduction=reduction,
         seen=seen,
         spectrum=spectrum,
         data=data,
         smoothness=smoothness,
-        uneven=uneven,
+        noise=noise,
         dispersion=dispersion,
         groups=tuple(groups),
         variances=tuple(found),
@@ -285,13 +291,16 @@ class _Measured:
         self.smoothness = np.zeros((values.size, values.size))
         compiled.roughness.add(values, np.zeros(values.size), self.smoothness)
         self.rows: Float | None = None
-        accumulator = self._bread()
+        accumulator, faint = self._bread(), objective.faint(values)
         if objective.small:
             _, jacobian = accumulator.rows(self._full)
+            jacobian[:, faint] = 0.0
             self.data = jacobian.T @ jacobian
             self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
         else:
             self.data = accumulator.normal(self._full).matrix.copy()
+            self.data[faint, :] = 0.0
+            self.data[:, faint] = 0.0
 
     def whole(self, values: Float) -> Float:
         """The free values and behind them the fixed ones."""

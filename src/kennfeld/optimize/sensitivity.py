@@ -1,0 +1,126 @@
+"""Values that move the scored outputs by rounding errors only, although their slopes are not exactly zero.
+
+There are two causes. The effect of a value may have faded before the first scored sample: an initial state, say, after
+a warm-up that is much longer than its time constant. Then its slopes are right, and tiny beside those on the samples
+that are simulated without being scored, or beside those of the other values of its table. Or the effect cancels within
+the model, as that of `k` in `(k*x) / (k*z)`: then the slopes are themselves rounding errors, and they are others as
+soon as the values change in their last digits.
+
+Either way a least-squares step would divide noise by noise and send the value anywhere.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.native import Accumulator, Piece, Samples
+from kennfeld.optimize.problem import Compiled
+
+__all__ = ["Sensitivity"]
+
+FADED = 1e-14  # slope relative to the largest of the same parameter on all simulated samples, below which it is faded
+SUSPECT = 1e-12  # share of the targets by which a value moves the outputs when it changes by its size
+NUDGE = 1e-12  # relative change of the values that leaves true slopes as they are, and rounding errors not
+UNSTEADY = 1e-4  # relative change of the curvature under a nudge that makes it rounding
+BLOCK = 65536  # samples whose targets are copied at a time
+
+Curvature = Callable[[Float], Float]  # that of the data along each free value, at all values
+
+
+class Sensitivity:
+    """The values of a compiled problem whose slopes are rounding errors."""
+
+    def __init__(self, compiled: Compiled) -> None:
+        self._compiled = compiled
+        values = compiled.values
+        starts = sorted(at for at in (*values.offsets.values(), *values.moving.values()) if at < values.free)
+        self._starts = np.array(starts, dtype=np.int64)
+        self._sizes = np.diff([*starts, values.free])
+        self._everywhere: Float | None = None
+        self._target_size: float | None = None
+
+    def faint(self, values: Float, curvature: Float, curvature_at: Curvature) -> Bool:
+        """Mark the free values whose effect is at the level of rounding.
+
+        Args:
+            values: the free and the fixed values, Float[values].
+            curvature: that of the data along each free value there, Float[free].
+            curvature_at: computes it at other values.
+        """
+        if not np.all(np.isfinite(curvature)):
+            return np.zeros(curvature.size, dtype=bool)
+        found: Bool = curvature <= FADED**2 * np.maximum(self.everywhere(values), self._largest(curvature))
+        suspect = self._suspect(values, curvature) & ~found
+        if suspect.any():
+            nudged = curvature_at(self._nudged(values))
+            found |= suspect & (np.abs(nudged - curvature) > UNSTEADY * curvature)
+        return found
+
+    def everywhere(self, values: Float) -> Float:
+        """The largest curvature in each value's parameter on all simulated samples, scored or not; 0 if all are.
+
+        It is computed once, at the values that are asked for first.
+        """
+        if self._everywhere is None:
+            samples = _all_scored(self._compiled.samples) if self._compiled.accumulator.stateful else None
+            if samples is None:
+                self._everywhere = np.zeros(self._compiled.values.free)
+            else:
+                matrix = Accumulator(self._compiled.kernel, samples).normal(values).matrix
+                self._everywhere = self._largest(np.nan_to_num(np.diag(matrix), posinf=0.0))
+        return self._everywhere
+
+    def _largest(self, each: Float) -> Float:
+        """The largest number of each parameter, for each of its values."""
+        if not each.size:
+            return each
+        return np.repeat(np.maximum.reduceat(each, self._starts), self._sizes)
+
+    def _suspect(self, values: Float, curvature: Float) -> Bool:
+        """Values that hardly move the outputs when they change by their own size, or by 1 where that is 0."""
+        size = self._largest(np.abs(values[: curvature.size]))
+        size[size == 0] = 1.0
+        with np.errstate(over="ignore"):
+            suspect: Bool = (curvature > 0) & (curvature * size**2 <= SUSPECT**2 * self._targets())
+        return suspect
+
+    def _targets(self) -> float:
+        """Weighted sum of the squares of all targets."""
+        if self._target_size is None:
+            scales = np.array([output.scale for output in self._compiled.kernel.outputs])
+            blocks = _target_blocks(self._compiled.samples)
+            parts = [(piece.scores / scales**2) @ np.nansum(block**2, axis=1) for piece, _, block in blocks]
+            self._target_size = float(sum(parts))
+        return self._target_size
+
+    def _nudged(self, values: Float) -> Float:
+        """The values, the free ones changed in their last digits, each by another share."""
+        nudged = values.copy()
+        free = self._compiled.values.free
+        nudged[:free] *= 1 + NUDGE * (1 + np.modf(np.arange(free) * 0.618034)[0])
+        return nudged
+
+
+def _all_scored(samples: Samples) -> Samples | None:
+    """The samples of a model with memory, each scored up to the last one of its piece that is; None if they are."""
+    scored = np.full((len(samples.targets), samples.count), np.nan)
+    known, ends = 0, {}
+    for piece, first, block in _target_blocks(samples):
+        finite = np.isfinite(block)
+        known += int(finite.sum())
+        at = np.flatnonzero(finite.any(axis=0))
+        if at.size:
+            ends[piece.first] = first + int(at[-1]) + 1
+    for first, last in ends.items():
+        scored[:, first:last] = 0.0
+    if known == np.count_nonzero(scored == 0.0):
+        return None
+    return Samples(samples.inputs.parts, list(scored), samples.pieces)
+
+
+def _target_blocks(samples: Samples) -> Iterator[tuple[Piece, int, Float]]:
+    """The targets of each piece, Float[outputs, samples], in blocks that begin at a sample."""
+    for piece in samples.pieces:
+        for first in range(piece.first, piece.last, BLOCK):
+            yield piece, first, samples.targets_of(np.arange(first, min(first + BLOCK, piece.last)))

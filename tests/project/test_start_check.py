@@ -1,0 +1,63 @@
+"""Initial values from which nothing can move: `check` says so, with values that can."""
+
+import numpy as np
+import pytest
+
+from kennfeld.parameters import Axis, Curve, Scalar
+from kennfeld.project import Project
+
+
+def factor(name, value):
+    return Curve(name, Axis([10, 11, 12, 13], input="Load"), np.full(4, value))
+
+
+@pytest.fixture
+def product(shop):
+    """A product of two tables."""
+    shop.text = "input Speed\ninput Load\nPredict = Gain(Speed) * Other(Load) + offset\n"
+    return shop
+
+
+def start(shop, gain, other):
+    table = Curve("Gain", Axis([1000, 2000, 3000], input="Speed"), np.full(3, gain))
+    shop.values("start.json", table, factor("Other", other), Scalar("offset", 0.0))
+
+
+def test_two_factors_of_zero_are_a_warning_with_a_start_that_moves(product):
+    start(product, 0.0, 0.0)
+    assert product.warning() == (
+        "kennfeld.toml [parameters.Gain] initial: the initial value is 0, and so all slopes of Other are zero: "
+        "no step could move from there. Write initial = 1, or all values; a calibration starts there on its own."
+    )
+    product.add("[parameters.Gain]\ninitial = 1")
+    assert product.findings() == []
+
+
+def test_one_factor_of_zero_is_none(product):
+    start(product, 1.0, 0.0)
+    assert product.findings() == []
+
+
+def test_sections_that_check_prints_for_factors_start_at_one(product):
+    product.text = "input Speed\ninput Load\nPredict = Fresh(Speed) * New(Load) + Offset\n"
+    found = [finding for finding in product.findings() if finding.excerpt]
+    assert [finding.excerpt.splitlines()[-1] for finding in found] == [
+        "initial = 1.0",
+        "initial = 1.0",
+        "initial = 0.0",
+    ]
+    for finding in found:
+        product.add(finding.excerpt.replace("count = 8", "count = 3"))
+    project = Project.read(product.path)
+    assert project.check() == []
+    result = project.calibrate()
+    assert result.converged
+    assert result.quality[0].rmse_after < 0.5 * result.quality[0].rmse_before
+
+
+def test_the_advice_for_a_section_without_values_is_a_level_that_moves(product):
+    start(product, 1.0, 0.0)
+    product.text = "input Speed\ninput Load\nPredict = Gain(Speed) * New(Load) + offset + Last(Load)\n"
+    product.add('[parameters.New]\nx = { input = "Load", count = 3 }\n[parameters.Last]\nx = { count = 3 }')
+    mends = [finding.mend for finding in product.findings() if "has no values" in finding.what]
+    assert mends == ["Write initial = 1.0, or all values.", "Write initial = 0.0, or all values."]
