@@ -278,6 +278,17 @@ def test_a_target_that_one_dataset_lacks_is_a_warning(shop):
     assert "dataset other has no channel Torque; Predict is not scored there" in shop.warning()
 
 
+def test_a_dataset_that_serves_another_criterion_is_a_remark(shop):
+    shop.bench("other.csv", **{"Torque [Nm]": None, "Power [kW]": np.arange(6)})
+    shop.add('[[dataset]]\nfiles = "other.csv"\n[[criterion]]\nnode = "Predict"\ntarget = { channel = "Power" }')
+    findings = shop.findings()
+    told = {f.what.partition(";")[0]: f.severity for f in findings if "has no channel" in f.what}
+    assert told == {
+        "dataset other has no channel Torque": "remark",
+        "dataset bench has no channel Power": "remark",
+    }
+
+
 def test_a_target_that_one_file_lacks_is_nan_there(shop):
     shop.bench("bench2.csv", **{"Torque [Nm]": None})
     data = dataset(shop.change('"bench.csv"', '"bench*.csv"'))

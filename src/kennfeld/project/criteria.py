@@ -19,7 +19,7 @@ def build_criteria(
     made: list[Criterion] = []
     first: dict[tuple[str, str], str] = {}
     for entry in file.criteria:
-        target = _target(entry, function, loaded, findings)
+        target = _target(entry, file, function, loaded, findings)
         if target is None:
             continue
         settings = {"weight": entry.weight, "loss": entry.loss, "delta": entry.delta, "scale": entry.scale}
@@ -39,7 +39,9 @@ def build_criteria(
     return tuple(made)
 
 
-def _target(entry: CriterionEntry, function: Function | None, loaded: Loaded, findings: list[Finding]) -> Target | None:
+def _target(
+    entry: CriterionEntry, file: ProjectFile, function: Function | None, loaded: Loaded, findings: list[Finding]
+) -> Target | None:
     given = entry.target
     nodes = function.graph.names if function else {}
     if given.kind == "number":
@@ -54,7 +56,7 @@ def _target(entry: CriterionEntry, function: Function | None, loaded: Loaded, fi
         mend = f'Write {{ channel = "{given.name}" }} or {{ node = "{given.name}" }}.'
         findings.append(Finding(f"{entry.place} target", what, mend, severity="warning"))
     if having:
-        findings += _partly(entry, given.name, loaded.datasets)
+        findings += _partly(entry, file.criteria, loaded.datasets)
     elif loaded.complete and loaded.datasets:
         names = {**loaded.offered, **dict.fromkeys(n for data in loaded.datasets for n in data)}
         candidates = [*names, *nodes] if given.kind == "name" else list(names)
@@ -65,13 +67,14 @@ def _target(entry: CriterionEntry, function: Function | None, loaded: Loaded, fi
     return Target("channel", given.name)
 
 
-def _partly(entry: CriterionEntry, name: str, datasets: Sequence[Dataset]) -> list[Finding]:
-    """A warning for each dataset that lacks the channel."""
+def _partly(entry: CriterionEntry, every: Sequence[CriterionEntry], datasets: Sequence[Dataset]) -> list[Finding]:
+    """A warning for each dataset that lacks the channel; a remark where it serves another criterion."""
+    name = entry.target.name
     return [
         Finding(
             f"{entry.place} target",
             f"dataset {data.name} has no channel {name}; {entry.node} is not scored there",
-            severity="warning",
+            severity="remark" if any(other.target.name in data for other in every) else "warning",
         )
         for data in datasets
         if name not in data
