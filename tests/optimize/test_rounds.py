@@ -20,13 +20,13 @@ def at_levels(function, logarithms=(1.0, 3.0, -np.inf)):
 
 def test_the_lowest_level_is_raised_and_a_higher_one_stays():
     raised, rise = at_levels(lambda levels: levels[0]).raised(allowed=3.0, stride=100.0)
-    assert rise == pytest.approx(4.0, abs=0.1)
-    assert raised == pytest.approx([5.0, 3.0, -np.inf], abs=0.1)
+    assert rise == pytest.approx(4.0, abs=0.25)
+    assert raised == pytest.approx([5.0, 3.0, -np.inf], abs=0.25)
 
 
 def test_levels_rise_together_once_they_are_equal():
     raised, _ = at_levels(lambda levels: levels.sum()).raised(allowed=20.0, stride=100.0)
-    assert raised[:2] - MIDDLE == pytest.approx([10.0, 10.0], abs=0.1)
+    assert raised[:2] - MIDDLE == pytest.approx([10.0, 10.0], abs=0.25)
     assert raised[2] == -np.inf
 
 
@@ -38,7 +38,7 @@ def test_no_step_is_longer_than_the_stride_nor_leads_out_of_the_range():
 
 def test_nothing_rises_where_the_error_is_at_its_limit():
     raised, rise = at_levels(lambda levels: levels[0]).raised(allowed=-1.0, stride=10.0)
-    assert rise == pytest.approx(0.0, abs=0.1)
+    assert rise == pytest.approx(0.0, abs=0.25)
     assert raised[1] == 3.0
 
 

@@ -68,14 +68,19 @@ def _target(
 
 
 def _partly(entry: CriterionEntry, every: Sequence[CriterionEntry], datasets: Sequence[Dataset]) -> list[Finding]:
-    """A warning for each dataset that lacks the channel; a remark where it serves another criterion."""
+    """A warning for each dataset that lacks the channel, unless it is there for another criterion.
+
+    It is there for one whose target it has, if no dataset has both channels.
+    """
     name = entry.target.name
+    others = {other.target.name for other in every if other.target.kind != "number"}
+    apart = {other for other in others if not any(name in data and other in data for data in datasets)}
     return [
         Finding(
             f"{entry.place} target",
             f"dataset {data.name} has no channel {name}; {entry.node} is not scored there",
-            severity="remark" if any(other.target.name in data for other in every) else "warning",
+            severity="warning",
         )
         for data in datasets
-        if name not in data
+        if name not in data and not any(other in data for other in apart)
     ]

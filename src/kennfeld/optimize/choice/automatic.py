@@ -233,7 +233,7 @@ class _Choosing:
             if not np.isfinite(here.value):
                 break
             proposal, rise = here.raised(allowed, stride)
-            if rise < NEAR:
+            if rise == 0:
                 break
             there = self._fitted(proposal, here.fit.values)
             if there.cut_short:

@@ -12,6 +12,7 @@ __all__ = ["NEAR", "Round"]
 
 RANGE = 1e7  # most and least factor, relative to the data
 NEAR = 0.1  # difference of logarithms that is not worth another fit
+RISE = 0.25  # the same for a rise of the level of smoothness
 
 
 @dataclass(frozen=True)
@@ -62,16 +63,20 @@ class Round:
         """
         if self.prediction is None:
             return self.logarithms, 0.0
-        here = self.logarithms[self.live]
+        prediction, here = self.prediction, self.logarithms[self.live]
         lowest = float(np.min(here - self.middle))
-        low, high = lowest, min(lowest + stride, np.log(RANGE))
-        at = high
-        while high - low > NEAR / 2:
-            if self.prediction.at(np.maximum(here, self.middle + at)).value <= allowed:
-                low = at
-            else:
-                high = at
-            at = (low + high) / 2
+        low, high = lowest + RISE, min(lowest + stride, np.log(RANGE))
+
+        def is_allowed(level: float) -> bool:
+            return prediction.at(np.maximum(here, self.middle + level)).value <= allowed
+
+        if high < low or not is_allowed(low):  # mostly so after one fit
+            return self.logarithms, 0.0
+        if is_allowed(high):
+            low = high
+        while high - low > RISE:
+            middle = (low + high) / 2
+            low, high = (middle, high) if is_allowed(middle) else (low, middle)
         return self._with(np.maximum(here, self.middle + low)), low - lowest
 
     def _with(self, live: Float) -> Float:
