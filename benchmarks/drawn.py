@@ -42,7 +42,7 @@ def _command() -> Path:
 def _demo(folder: Path) -> Path:
     if wrong := ran([str(_command()), "demo", "torque", "--dir", str(folder)]):
         raise RuntimeError(wrong)
-    return folder / "kennfeld.toml"
+    return folder / "load-only.toml"
 
 
 def _drawn(project: Path, layout: str) -> str:

@@ -1,4 +1,4 @@
-"""Automatic smoothness: as good as the best fixed factor, whatever the problem is like."""
+"""Automatic smoothness: within one standard error of the best fixed factor, and no value runs away."""
 
 import numpy as np
 import pytest
@@ -28,12 +28,22 @@ def fitted(data, smoothness="auto", start=None, **arguments):
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("noise", [0.02, 0.3])
-def test_the_choice_is_nearly_as_good_as_the_best_fixed_factor(noise, seed):
-    data = noisy(150, noise, seed)
-    best = min(fitted(data, factor).quality[1].rmse_after for factor in FACTORS)
-    assert fitted(data).quality[1].rmse_after <= 1.25 * best
+def test_the_choice_is_about_one_standard_error_from_the_best_fixed_factor(noise):
+    """On data with the same noise, in the mean over seeds. A fit has only an estimate of that error, hence the 1.3."""
+    ratios = []
+    for seed in range(6):
+        data = noisy(150, noise, seed)
+        best = min(fitted(data, factor).quality[1].rmse_after for factor in FACTORS)
+        ratios.append((fitted(data).quality[1].rmse_after ** 2 + noise**2) / (best**2 + noise**2))
+    assert 1 <= np.mean(ratios) <= 1 + 1.3 * (2 / 150) ** 0.5
+
+
+def test_it_is_smoother_than_the_best():
+    """The factor of the least error against the truth is not known to a fit; the one chosen is above it."""
+    data = noisy(150, 0.3)
+    best = min(FACTORS, key=lambda factor: fitted(data, factor).quality[1].rmse_after)
+    assert fitted(data).smoothness["C"]["x"] > best
 
 
 def test_more_noise_asks_for_more_smoothness():
@@ -76,6 +86,58 @@ def test_a_table_without_data_keeps_its_start_and_gets_no_factor():
     assert result.parameters["Other"].values.tolist() == [4.0, 7.0, 5.0]
 
 
+def exchange(count, seed=0, noise=0.3):
+    """A product of tables less another, all on one grid, seen in half of it: three changes alter no output."""
+    rng = np.random.default_rng(seed)
+    x, y, z = rng.uniform(0, 1, (3, 4 * count))
+    x, y, z = (channel[x + y < 1][:count] for channel in (x, y, z))
+    wanted = (100 + 80 * x + 60 * y) * (1 - 0.3 * (z - 0.3) ** 2) - 20 * x + noise * rng.normal(size=count)
+    return {"x": x, "y": y, "z": z, "wanted": wanted}
+
+
+PRODUCT = "m = A(x, y) * E(z) - B(x, y)"
+
+
+def tables():
+    points, flat = np.linspace(0, 1, 7), np.ones((7, 7))
+    maps = [kf.Map("A", points, points, 50 * flat), kf.Map("B", points, points, 10 * flat)]
+    return kf.ParameterSet([*maps, kf.Curve("E", points, 1 - 0.1 * points)])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("pins", [[], [kf.Pin("E", (0.3,), 1.0)]], ids=["free", "pinned"])
+def test_tables_that_can_be_exchanged_stay_near_their_start(seed, pins):
+    """Scaling A, dividing E and raising B by A change no output; factors of their own let the scale drift for ever."""
+    result = kf.calibrate(
+        PRODUCT,
+        exchange(400, seed),
+        tables(),
+        target="wanted",
+        test=exchange(1000, seed + 10),
+        smoothness="auto",
+        pins=pins,
+    )
+    found = {name: table.values for name, table in result.parameters.items()}
+    assert result.quality[1].rmse_after < 0.35
+    assert 0.5 < found["E"].min() <= found["E"].max() < 3
+    assert 0 < found["A"].min() <= found["A"].max() < 300
+    assert np.abs(found["B"]).max() < 100
+    for axis in (0, 1):
+        assert np.abs(np.diff(found["A"], axis=axis)).max() < 40
+
+
+@pytest.mark.parametrize(("samples", "seed"), [(300, 0), (100, 2)])
+def test_a_plane_through_noise_is_not_twisted_beyond_the_data(samples, seed):
+    """Any multiple of x * y is smooth, and data in a narrow band hardly tell it: where they end, it must not grow."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0, 8, samples)
+    y = (x + rng.uniform(-0.5, 0.5, samples)).clip(0, 8)
+    start = kf.ParameterSet([kf.Map("M", range(9), range(9), np.zeros((9, 9)))])
+    data = {"x": x, "y": y, "wanted": 0.25 * (x + y) + 2 * rng.normal(size=samples)}
+    values = kf.calibrate("m = M(x, y)", data, start, target="wanted", smoothness="auto").parameters["M"].values
+    assert -1 < values.min() <= values.max() < 5
+
+
 def test_where_data_end_the_curve_goes_on_smoothly():
     result = fitted(noisy(200, 0.05, low=2.0))
     values = result.parameters["C"].values
@@ -110,7 +172,7 @@ def test_a_model_with_memory_is_smoothed_too():
     result = kf.calibrate(text, data, start, target="wanted", smoothness={"C": "auto"})
     assert result.smoothness["C"]["x"] > 0
     assert result.parameters["T"].value == pytest.approx(2.0, abs=0.2)
-    assert result.parameters["C"].values == pytest.approx(truth["C"].values, abs=0.15)
+    assert result.parameters["C"].values == pytest.approx(truth["C"].values, abs=0.2)
 
 
 def drives(count, seed=0, resembling=0.3, samples=600):
@@ -126,19 +188,21 @@ def drives(count, seed=0, resembling=0.3, samples=600):
 
 def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
     lasting = fitted(list(drives(4)))
-    assert "by holding back 20 stretches of the recordings" in lasting.message
+    assert "by holding back 20 stretches of the recordings: the smoothest within" in lasting.message
     quick = kf.Dataset.of("d", noisy(600, 0.2), time=0.1 * np.arange(600))
     for result in (fitted(quick), fitted(noisy(150, 0.1))):
-        assert "Smoothness was chosen by generalised cross-validation." in result.message
+        assert "Smoothness was chosen by generalised cross-validation: the smoothest within" in result.message
 
 
 def test_lasting_errors_are_not_followed():
-    """Generalised cross-validation alone ends 39 % above the best fixed factor here, on the mean of twenty."""
+    """On data with such errors, the choice is about as good as the best fixed factor, and far smoother than most."""
     ratios = []
     for seed in range(8):
         data = list(drives(4, seed))
         best = min(fitted(data, factor).quality[-1].rmse_after for factor in FACTORS)
-        ratios.append(fitted(data).quality[-1].rmse_after / best)
+        result = fitted(data)
+        assert result.smoothness["C"]["x"] > 1e3
+        ratios.append((result.quality[-1].rmse_after ** 2 + 0.3**2) / (best**2 + 0.3**2))
     assert np.mean(ratios) <= 1.2
 
 

@@ -1,5 +1,7 @@
 """The error predicted for data held back: its value by brute force, its derivatives by differences, its minimum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,12 +56,16 @@ def linearised(compiled, held=(), rows=(), blocks=()):
     )
 
 
-@pytest.fixture(scope="module", params=["free", "held", "free with blocks", "held with blocks"])
+@pytest.fixture(scope="module", params=["free", "held", "pulled", "free with blocks", "held with blocks"])
 def prediction(compiled, request):
-    limits = {"free": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param.split()[0]]
+    limits = {"free": ((), ()), "pulled": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param.split()[0]]
     limits = (*limits, parts(compiled) if "blocks" in request.param else ())
     blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1)]
-    return Prediction(linearised(compiled, *limits), blocks, [unit(compiled, "C", 0)])
+    fit = linearised(compiled, *limits)
+    if request.param == "pulled":
+        rng = np.random.default_rng(1)
+        fit = replace(fit, pull=rng.uniform(0, 3, fit.values.size), toward=rng.normal(size=fit.values.size))
+    return Prediction(fit, blocks, [unit(compiled, "C", 0)])
 
 
 POINTS = [np.array([1.0, -2.0]), np.array([-6.0, 3.0]), np.array([8.0, 0.0])]
@@ -88,6 +94,23 @@ def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
     found = Prediction(linearised(compiled), blocks)
     assert found.at(np.log(factors)).value == pytest.approx(expected, rel=1e-7)
     assert found.freedom(np.log(factors)) == pytest.approx(np.trace(influence), rel=1e-6)
+
+
+def test_a_pull_counts_as_further_rows_of_the_penalty(compiled):
+    """By brute force, from one fit of the rows of data, roughness and pull."""
+    block, factor = unit(compiled, "M", 0), 5.0
+    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    values = compiled.start[: compiled.values.free]
+    pull, toward = np.linspace(0.1, 2, values.size), np.linspace(-1, 1, values.size)
+    rough, rows = block.rows(values)
+    parts = [residual, factor**0.5 * rough, pull**0.5 * (values - toward)]
+    system = np.vstack([jacobian, factor**0.5 * rows, np.diag(pull**0.5)])
+    step = np.linalg.lstsq(system, -np.concatenate(parts), rcond=None)[0]
+    misfit = np.sum((residual + jacobian @ step) ** 2)
+    prediction = Prediction(replace(linearised(compiled), pull=pull, toward=toward), [block])
+    freedom = prediction.freedom(np.log([factor]))
+    expected = 200 * np.log(misfit / (1 - GAMMA * freedom / 200) ** 2)
+    assert prediction.at(np.log([factor])).value == pytest.approx(expected, rel=1e-7)
 
 
 def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):

@@ -278,6 +278,23 @@ def test_a_target_that_one_dataset_lacks_is_a_warning(shop):
     assert "dataset other has no channel Torque; Predict is not scored there" in shop.warning()
 
 
+POWER = '[[dataset]]\nfiles = "other.csv"\n[[criterion]]\nnode = "Predict"\ntarget = { channel = "Power" }'
+
+
+def test_a_dataset_of_its_own_for_another_criterion_is_no_warning(shop):
+    shop.bench("other.csv", **{"Torque [Nm]": None, "Power [Nm]": np.arange(6)})
+    shop.add(POWER)
+    assert shop.findings() == []
+
+
+def test_a_target_that_others_have_beside_it_is_a_warning(shop):
+    """Both criteria are scored on the first dataset, so the second may have lost a channel."""
+    shop.bench("bench.csv", **{"Power [Nm]": np.arange(6)})
+    shop.bench("other.csv", **{"Torque [Nm]": None, "Power [Nm]": np.arange(6)})
+    shop.add(POWER)
+    assert "dataset other has no channel Torque; Predict is not scored there" in shop.warning()
+
+
 def test_a_target_that_one_file_lacks_is_nan_there(shop):
     shop.bench("bench2.csv", **{"Torque [Nm]": None})
     data = dataset(shop.change('"bench.csv"', '"bench*.csv"'))

@@ -313,7 +313,7 @@ AXES = {table: (f"{table}_n", f"{table}_q") for table in ("MapOptTorque", "MapOp
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_demo_drawn_as_blocks_is_calibrated_to_the_same_answer(layout, tmp_path):
-    path = write("torque", tmp_path / "demo")
+    path = write("torque", tmp_path / "demo").with_name("load-only.toml")
     text = path.read_text(encoding="utf-8")
     expected = Project.read(path).calibrate().parameters
     drawn = torque(AXES).write(path.parent, layout)

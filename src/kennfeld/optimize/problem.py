@@ -23,8 +23,8 @@ from kennfeld.optimize.data.gathering import Source, gather
 from kennfeld.optimize.data.settling import ages, averaged, averages, fewer_pieces, restarted
 from kennfeld.optimize.data.weighting import Weighting
 from kennfeld.optimize.free_axes.breakpoints import Place, fitted_axes
-from kennfeld.optimize.free_axes.moving_roughness import roughness_of
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
+from kennfeld.optimize.restraint import Penalty, Restraint, penalty_of
 from kennfeld.parameters import ParameterSet
 
 __all__ = ["Compiled", "Problem", "Rejected", "smoothable"]
@@ -40,7 +40,8 @@ class Problem:
 
     `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
     "auto" in its place. `channels` names the channel of a model input where the names differ. `unknown_shifts` names,
-    by dataset, the channels whose shift is to be found.
+    by dataset, the channels whose shift is to be found. `restraints` are those of tables with a
+    chosen smoothness.
     """
 
     model: Model
@@ -54,6 +55,7 @@ class Problem:
     constraints: tuple[Shape | Equality, ...] = ()
     limits: tuple[Limit, ...] = ()
     unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    restraints: Mapping[str, Restraint] = field(default_factory=dict)
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -225,7 +227,8 @@ class Compiled:
         self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
         self.accumulator = Accumulator(self.kernel, self.samples)
         self.values = self.kernel.values
-        self.roughness = roughness_of(parameters, self.values, {name: problem.factors(name) for name in free})
+        factors = {name: problem.factors(name) for name in free}
+        self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
         self.start = self.values.pack(parameters)
 
     @property

@@ -154,7 +154,8 @@ class Result:
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
-        """The quality as rows of text, the heading first."""
+        """The quality as rows of text, the heading first; without those of no samples, if others are left."""
+        scored = [q for q in self.quality if q.samples] or self.quality
         head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
         rows = [
             (
@@ -162,7 +163,7 @@ class Result:
                 *(_four_digits(x) for x in (q.rmse_before, q.rmse_after)),
                 *(r2_text(q.r2_after, q.samples, q.rmse_after), _four_digits(q.max_abs_after)),
             )
-            for q in self.quality
+            for q in scored
         ]
         return [head, *rows]
 

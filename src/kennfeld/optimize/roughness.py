@@ -40,7 +40,10 @@ def _along(parameter: Parameter, axis: int) -> tuple[Int, Float]:
 
 @dataclass(frozen=True)
 class Roughness:
-    """The penalty sum S R over all tables: the sum of squares of rows of three values each."""
+    """The penalty sum S R over all tables: the sum of squares of rows of three values each.
+
+    A row of two values names one of them twice.
+    """
 
     size: int
     columns: Int  # Int[rows, 3]
@@ -88,5 +91,5 @@ class Roughness:
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Residuals and Jacobian rows whose squares are the penalty."""
         jacobian: Float = np.zeros((len(self.columns), self.size))
-        np.put_along_axis(jacobian, self.columns, self.coefficients, axis=1)
+        np.add.at(jacobian, (np.arange(len(self.columns))[:, None], self.columns), self.coefficients)
         return self._differences(values), jacobian

@@ -19,7 +19,7 @@ def build_criteria(
     made: list[Criterion] = []
     first: dict[tuple[str, str], str] = {}
     for entry in file.criteria:
-        target = _target(entry, function, loaded, findings)
+        target = _target(entry, file, function, loaded, findings)
         if target is None:
             continue
         settings = {"weight": entry.weight, "loss": entry.loss, "delta": entry.delta, "scale": entry.scale}
@@ -39,7 +39,9 @@ def build_criteria(
     return tuple(made)
 
 
-def _target(entry: CriterionEntry, function: Function | None, loaded: Loaded, findings: list[Finding]) -> Target | None:
+def _target(
+    entry: CriterionEntry, file: ProjectFile, function: Function | None, loaded: Loaded, findings: list[Finding]
+) -> Target | None:
     given = entry.target
     nodes = function.graph.names if function else {}
     if given.kind == "number":
@@ -54,7 +56,7 @@ def _target(entry: CriterionEntry, function: Function | None, loaded: Loaded, fi
         mend = f'Write {{ channel = "{given.name}" }} or {{ node = "{given.name}" }}.'
         findings.append(Finding(f"{entry.place} target", what, mend, severity="warning"))
     if having:
-        findings += _partly(entry, given.name, loaded.datasets)
+        findings += _partly(entry, file.criteria, loaded.datasets)
     elif loaded.complete and loaded.datasets:
         names = {**loaded.offered, **dict.fromkeys(n for data in loaded.datasets for n in data)}
         candidates = [*names, *nodes] if given.kind == "name" else list(names)
@@ -65,8 +67,14 @@ def _target(entry: CriterionEntry, function: Function | None, loaded: Loaded, fi
     return Target("channel", given.name)
 
 
-def _partly(entry: CriterionEntry, name: str, datasets: Sequence[Dataset]) -> list[Finding]:
-    """A warning for each dataset that lacks the channel."""
+def _partly(entry: CriterionEntry, every: Sequence[CriterionEntry], datasets: Sequence[Dataset]) -> list[Finding]:
+    """A warning for each dataset that lacks the channel, unless it is there for another criterion.
+
+    It is there for one whose target it has, if no dataset has both channels.
+    """
+    name = entry.target.name
+    others = {other.target.name for other in every if other.target.kind != "number"}
+    apart = {other for other in others if not any(name in data and other in data for data in datasets)}
     return [
         Finding(
             f"{entry.place} target",
@@ -74,5 +82,5 @@ def _partly(entry: CriterionEntry, name: str, datasets: Sequence[Dataset]) -> li
             severity="warning",
         )
         for data in datasets
-        if name not in data
+        if name not in data and not any(other in data for other in apart)
     ]

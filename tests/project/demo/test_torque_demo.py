@@ -15,6 +15,26 @@ def project(tmp_path):
     return Project.read(write("torque", tmp_path / "demo"))
 
 
+@pytest.fixture
+def load_only(project):
+    """The same without motored points: the problem of the paper."""
+    return Project.read(project.path.with_name("load-only.toml"))
+
+
+def errors_of_tables(parameters):
+    """The root mean square difference of each map from the engine's own, at its grid points."""
+    truths = {
+        "MapOptTorque": lambda n, air: engine.torque(n, air, engine.best_spark(n, air)) + engine.drag(n),
+        "MapOptIgnition": engine.best_spark,
+        "MapDragTorque": lambda n, air: engine.drag(n),
+    }
+    errors = {}
+    for name, truth in truths.items():
+        grid = np.meshgrid(*[axis.breakpoints for axis in parameters[name].axes], indexing="ij")
+        errors[name] = float(np.sqrt(np.mean((parameters[name].values - truth(*grid)) ** 2)))
+    return errors
+
+
 def test_the_bench_is_full_factorial_and_met_nearly():
     bench = torque.bench()
     assert bench.samples == 2812
@@ -29,16 +49,58 @@ def test_the_best_spark_gives_the_greatest_torque():
     assert np.all(top > engine.torque(speed, air, best - 1))
 
 
-def test_the_start_is_as_bad_as_the_papers_and_as_large(project):
-    problem = project.problem()
+def test_without_charge_the_engine_drags():
+    """Crossley and Cook: 181.3 - 138.7 Nm, and what changes with speed, here 0 and 100 rad/s."""
+    speed = np.array([0.0, 100.0]) * 30 / np.pi
+    assert engine.drag(speed) == pytest.approx([42.6, 42.6 - 2.7 + 1.07], abs=0.02)
+
+
+def test_the_efficiency_is_1_at_the_best_spark_and_falls_on_both_sides():
+    speed, air = np.array([1500.0, 4000.0]), np.array([40.0, 90.0])
+    assert engine.efficiency(speed, air, np.zeros(2)) == pytest.approx(1.0)
+    assert np.all(engine.efficiency(speed, air, np.full(2, 20.0)) < 0.97)
+    assert engine.efficiency(speed, air, np.full(2, 20.0)) == pytest.approx(engine.efficiency(speed, air, -20.0))
+
+
+def test_motored_points_are_few_and_measure_the_drag():
+    motored = torque.motored()
+    error = motored["MotoringTorque"].values - engine.drag(motored["Speed"].values)
+    assert motored.samples == 27
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(torque.NOISE, rel=0.3)
+
+
+def test_motored_points_give_maps_of_physical_values(project, load_only):
+    """Load alone leaves torque and drag to each other; the error of the torque is the same."""
+    with_motored, without = project.calibrate(), load_only.calibrate()
+    right, wrong = (errors_of_tables(result.parameters) for result in (with_motored, without))
+    assert right["MapOptTorque"] < 2.0
+    assert right["MapDragTorque"] < 2.0
+    assert right["MapOptIgnition"] < 1.0
+    assert with_motored.parameters["MapDragTorque"].values.min() > 35
+    assert wrong["MapDragTorque"] > 20
+    assert without.parameters["MapDragTorque"].values.min() < 0
+    last = [result.quality[-2 if result is with_motored else -1] for result in (with_motored, without)]
+    assert last[0].rmse_after == pytest.approx(last[1].rmse_after, rel=0.05)
+    assert len(with_motored.trust.directions) <= 2 < len(without.trust.directions)
+
+
+def test_a_project_without_problems_is_told_so(project, load_only):
+    assert project.check() == load_only.check() == []
+
+
+@pytest.mark.parametrize("name", ["project", "load_only"])
+def test_the_start_is_as_bad_as_the_papers_and_as_large(name, request):
+    chosen = request.getfixturevalue(name)
+    problem = chosen.problem()
     assert sum(problem.parameters[name].size for name in problem.free_names) == 519
-    model, bench = project.simulate()[0], torque.bench()
+    model, bench = chosen.simulate()[0], torque.bench()
     error = model["TorquePredict"].values - bench["Torque"].values
     assert np.sqrt(np.mean(error**2)) == pytest.approx(76.38, rel=0.01)
 
 
 def test_fresh_points_are_met_to_the_noise(project):
-    training, test = project.calibrate().quality
+    rows = {(q.criterion, q.dataset): q for q in project.calibrate().quality}
+    training, test = rows["TorquePredict", "bench"], rows["TorquePredict", "fresh"]
     assert test.use == "test"
     assert test.rmse_after <= 1.1 * torque.NOISE
     assert training.rmse_after < torque.NOISE
@@ -72,8 +134,8 @@ def test_limits_hold_exactly(project):
         assert parameters[name].values.max() <= high
 
 
-def test_the_project_file_says_what_the_module_says(project):
-    text = tomllib.loads(project.path.read_text(encoding="utf-8"))
+def test_the_project_file_without_motored_points_says_what_the_module_says(load_only):
+    text = tomllib.loads(load_only.path.read_text(encoding="utf-8"))
     tables = text["parameters"]
     assert {name: table["smoothness"] for name, table in tables.items()} == torque.SMOOTHNESS
     assert {n: tuple(t["bounds"]) for n, t in tables.items() if "bounds" in t} == torque.BOUNDS
@@ -81,13 +143,22 @@ def test_the_project_file_says_what_the_module_says(project):
     assert tables[name]["pin"] == [{"at": list(at), "value": value}]
 
 
+def test_the_project_file_adds_what_an_engineer_knows(project, load_only):
+    ours, theirs = (tomllib.loads(p.path.read_text(encoding="utf-8")) for p in (project, load_only))
+    assert [data["name"] for data in ours["dataset"]] == ["bench", "motored", "fresh"]
+    for name, table in theirs["parameters"].items():
+        assert table.items() <= ours["parameters"][name].items()
+    best = ours["parameters"]["MapOptIgnition"]["pin"][0]
+    assert best["value"] == pytest.approx(float(engine.best_spark(*np.array(best["at"])[:, None])[0]), abs=0.5)
+
+
 def test_what_is_written_is_what_was_made(project):
     folder = project.path.parent
-    bench = torque.bench()
-    written = read(folder / "bench.csv")
-    for name in bench:
-        assert np.array_equal(written[name].values, bench[name].values)
-        assert written[name].unit == bench[name].unit
+    for made in (torque.bench(), torque.motored()):
+        written = read(folder / f"{made.name}.csv")
+        for name in made:
+            assert np.array_equal(written[name].values, made[name].values)
+            assert written[name].unit == made[name].unit
     start = read_parameters(folder / "start.dcm")
     for name, parameter in torque.start().items():
         assert np.allclose(start[name].values, parameter.values, rtol=1e-12)
@@ -136,6 +207,7 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     assert "1.8 Nm" in said
     assert "converged" in said
     open_ones = said.partition("What the data leave open:\n")[2].split("\n")
-    assert "Scaling MapOptTorque by 1.01, stretching CurveEtaDeltaSpark about 1" in open_ones[0]
-    assert "Pin a value of CurveEtaDeltaSpark that you know" in open_ones[0]
+    assert "Scaling MapOptTorque by 1.01 and raising MapDragTorque by 1.7 Nm" in open_ones[0]
+    assert "it is known to +-0.2" in open_ones[0]
+    assert "nan" not in said
     assert {path.name for path in Path(tmp_path / "demo" / "results").iterdir()} >= {"result.json", "parameters.dcm"}

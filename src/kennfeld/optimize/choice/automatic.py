@@ -15,11 +15,12 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.optimize.choice.blocks import Blocks
-from kennfeld.optimize.choice.prediction import Linearised, Prediction, minimised
-from kennfeld.optimize.free_axes.moving_roughness import roughness_of
+from kennfeld.optimize.choice.prediction import Linearised, Prediction
+from kennfeld.optimize.choice.rounds import NEAR, Round
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.restraint import Restrained, Restraint, penalty_of
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 
@@ -28,12 +29,12 @@ __all__ = ["Choice", "chosen"]
 ROUNDS = 12
 PATH = (3, 2, 1, 0, -1)  # powers of ten of the factors tried first, relative to the data
 LIGHT = -2  # power of ten of the factors whose errors tell how many samples are independent
-RANGE = 1e7  # most and least factor, relative to the data
 SETTLED = 0.1  # gain of n times the criterion's logarithm below which another round is not worth it
-NEAR = 0.1  # radius of the logarithms within which trials end
 POOR, GOOD = 0.25, 0.75  # share of the promised gain from which the radius is halved, or doubled
 NONE = -np.inf  # the logarithm where no data reach the table: its factor is 0
 RESEMBLING = 2.0  # samples to an independent one, from which blocks are held back
+FURTHER = 4  # most fits on the way to the smoothest
+STRIDE = float(np.log(1e4))  # most rise of the lowest level of smoothness from one of them to the next
 ACTIVE = 1e-9  # of the size of a linear row, at which it counts as active
 ROUGH = Settings(max_iterations=40, tolerance=1e-5, patience=2)
 
@@ -50,13 +51,14 @@ class Choice:
     fit: Descent
     samples: float
     blocks: int = 0
+    restraints: Mapping[str, Restraint] = field(default_factory=dict)
 
     @property
     def words(self) -> str:
         """By what they were chosen."""
         by = "generalised cross-validation"
         also = f" and by holding back {self.blocks} stretches of the recordings" if self.blocks else ""
-        return f"Smoothness was chosen by {by}{also}."
+        return f"Smoothness was chosen by {by}{also}: the smoothest within one standard error of the best."
 
     @property
     def by_direction(self) -> dict[str, dict[str, float]]:
@@ -101,34 +103,6 @@ class _Block:
         return float(np.diag(matrix)[columns].sum() / np.sum(self.unit.coefficients**2))
 
 
-@dataclass(frozen=True)
-class _Round:
-    """A fit with some factors, and the criterion there; `live` are those whose tables the data reach."""
-
-    logarithms: Float
-    fit: Descent
-    value: float = np.inf
-    prediction: Prediction | None = None
-    live: Bool = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    middle: Float = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def cut_short(self) -> bool:
-        """Whether the fit did not come to an end."""
-        return self.fit.status in ("stopped", "failed")
-
-    def proposed(self, radius: float) -> tuple[Float, float]:
-        """The best factors within a radius, in the problem linearised here, and the gain that they promise."""
-        if self.prediction is None:
-            return self.logarithms, 0.0
-        here, spread = self.logarithms[self.live], np.log(RANGE)
-        lower, upper = (np.clip(self.middle + side, here - radius, here + radius) for side in (-spread, spread))
-        found = minimised(self.prediction, here, lower, upper)
-        better = self.logarithms.copy()
-        better[self.live] = found
-        return better, self.value - self.prediction.at(found).value
-
-
 class _Choosing:
     """The running state of a choice."""
 
@@ -139,6 +113,7 @@ class _Choosing:
         self.problem = compiled.problem
         self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, settings.max_iterations))
         self.independent = samples
+        self.restraints: Mapping[str, Restraint] = {}
         self.samples = scored(compiled)  # one number for all rounds, so that they compare
         self.held: Blocks | None = None
         self.objective = SumOfSquares(compiled)
@@ -153,13 +128,14 @@ class _Choosing:
             best = self._anew(start)
         else:
             self._count(known.samples)
+            self.restraints = known.restraints
             best = self._improved(self._fitted(known.logarithms, start))
+        best = self._smoothest(best)
         self._use(best.logarithms)
         cost = self.objective.cost(best.fit.values)
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
-        return Choice(
-            self._factors(best.logarithms), best.logarithms, fit, self.samples, self.held.count if self.held else 0
-        )
+        blocks = self.held.count if self.held else 0
+        return Choice(self._factors(best.logarithms), best.logarithms, fit, self.samples, blocks, self.restraints)
 
     def _count(self, samples: float) -> None:
         """Take so many samples as independent; where these are few, blocks are held back."""
@@ -167,19 +143,23 @@ class _Choosing:
             self.held = Blocks.of(self.compiled)
         self.samples = samples
 
-    def _anew(self, start: Float) -> _Round:
+    def _anew(self, start: Float) -> Round:
         """The better of two: from factors that weigh as much as the data, and from the best of a path."""
         reference = self._reference(start)
         if self.independent is not None:
             # errors of a stiff fit resemble each other because it is stiff
             self._count(self.independent(self._fitted(reference + LIGHT * np.log(10), start).fit.values))
-        best = self._improved(self._fitted(reference, start))
+        first = self._fitted(reference, start)
+        if first.cut_short:
+            return first
+        self.restraints = self._restraints(first)
+        best = self._improved(self._fitted(reference, first.fit.values))
         if best.cut_short:
             return best
         other = self._path(reference, start)
         if other.value < best.value and not other.cut_short:
             other = self._improved(other)
-        return other if other.value < best.value or _stopped(other) else best
+        return other if other.value < best.value or other.stopped else best
 
     def _reference(self, start: Float) -> Float:
         """The logarithms of the factors that weigh as much as the data.
@@ -194,7 +174,7 @@ class _Choosing:
         again = self._scales(self._data(self._fitted(found, start).fit.values)[1])
         return np.log(again, out=found, where=(scales <= 0) & (again > 0))
 
-    def _path(self, reference: Float, start: Float) -> _Round:
+    def _path(self, reference: Float, start: Float) -> Round:
         """The best of fits with ever smaller factors, in the same proportion to the data, each from the one before.
 
         Large factors leave few ways to bend, so a chain of tables does not begin in one of the many that fit noise.
@@ -203,14 +183,14 @@ class _Choosing:
         for decade in PATH:
             found = self._fitted(reference + decade * np.log(10), start)
             start = found.fit.values
-            if best is None or found.value < best.value or _stopped(found):
+            if best is None or found.value < best.value or found.stopped:
                 best = found
             if found.cut_short:
                 break
         assert best is not None
         return best
 
-    def _improved(self, best: _Round) -> _Round:
+    def _improved(self, best: Round) -> Round:
         """Better and better factors, from those of a fit, until no more is to be gained."""
         radius, last = np.inf, self.rounds + ROUNDS
         while np.isfinite(best.value) and self.rounds < last and radius > NEAR:
@@ -219,14 +199,52 @@ class _Choosing:
                 break
             there = self._fitted(proposal, best.fit.values)
             if there.cut_short:
-                return there if _stopped(there) else best
+                return there if there.stopped else best
             moved = np.abs(proposal[best.live] - best.logarithms[best.live]).max()
             ratio = (best.value - there.value) / gain
             radius = moved / 2 if ratio < POOR else max(radius, 2 * moved) if ratio > GOOD else radius
             best = there if ratio > 0 else best
         return best
 
-    def _fitted(self, logarithms: Float, start: Float) -> _Round:
+    def _restraints(self, fit: Round) -> dict[str, Restraint]:
+        """The restraints of all tables with an automatic factor, by what their values are and matter in a fit."""
+        values = fit.fit.values
+        matters, offsets = np.diag(self._data(values)[1]), self.compiled.values.offsets
+        variance = self.compiled.accumulator.cost(self._full(values)) / self.samples
+        restraints = {}
+        for name in self.problem.automatic_names:
+            table = self.compiled.problem.parameters[name]
+            part = slice(offsets[name], offsets[name] + table.size)
+            restraints[name] = Restraint.of(table, values[part], matters[part], variance)
+        return restraints
+
+    def _smoothest(self, best: Round) -> Round:
+        """The smoothest fit whose error is within one standard error of the best.
+
+        The mean square of n normal errors has the relative standard error sqrt(2/n), and sqrt((tau + 1/tau)/n) where
+        they decay exponentially with a correlation time of tau samples. Heavier tails do not count: the errors in them
+        are about the same in all the fits that are compared.
+        """
+        count = scored(self.compiled)
+        lasting = max(count / self.samples, 1.0)
+        allowed = best.value + self.samples * np.log1p(((lasting + 1 / lasting) / count) ** 0.5)
+        here, stride = best, STRIDE
+        for _ in range(FURTHER):
+            if not np.isfinite(here.value):
+                break
+            proposal, rise = here.raised(allowed, stride)
+            if rise == 0:
+                break
+            there = self._fitted(proposal, here.fit.values)
+            if there.cut_short:
+                return there if there.stopped else here
+            if there.value <= allowed:
+                here = there
+            else:
+                stride = rise / 3
+        return here
+
+    def _fitted(self, logarithms: Float, start: Float) -> Round:
         """The fit with some factors, their criterion, and the problem linearised there."""
         self._use(logarithms)
         self.rounds += 1
@@ -238,9 +256,9 @@ class _Choosing:
         scales = self._scales(matrix)
         live = (scales > 0) & np.isfinite(logarithms)
         if not live.any() or fit.status in ("stopped", "failed"):
-            return _Round(logarithms, fit)
+            return Round(logarithms, fit)
         prediction = self._prediction(fit.values, gradient, matrix, live)
-        return _Round(logarithms, fit, prediction.at(logarithms[live]).value, prediction, live, np.log(scales[live]))
+        return Round(logarithms, fit, prediction.at(logarithms[live]).value, prediction, live, np.log(scales[live]))
 
     def _prediction(self, values: Float, gradient: Float, matrix: Float, live: Bool) -> Prediction:
         """The criterion in the problem linearised at these values; those that a bound holds stay."""
@@ -250,9 +268,14 @@ class _Choosing:
         held = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
         misfit = self.compiled.accumulator.cost(self._full(values))
         pressing, parts = _pressing(limits, values), self.held.linearised(self._full(values)) if self.held else ()
-        fit = Linearised(values, misfit, gradient, matrix, limits.movable & ~held, pressing, self.samples, tuple(parts))
+        free, given = limits.movable & ~held, list(self.given)
+        penalty, pull = self.compiled.roughness, {}
+        if isinstance(penalty, Restrained):
+            given.append(penalty.steps)
+            pull = {"pull": penalty.weights, "toward": penalty.toward}
+        fit = Linearised(values, misfit, gradient, matrix, free, pressing, self.samples, tuple(parts), **pull)
         blocks = [block.unit for block, good in zip(self.sought, live, strict=True) if good]
-        return Prediction(fit, blocks, self.given)
+        return Prediction(fit, blocks, given)
 
     def _data(self, values: Float) -> tuple[Float, Float]:
         """Half the gradient and the Gauss-Newton matrix of the data alone."""
@@ -276,11 +299,7 @@ class _Choosing:
 
     def _use(self, logarithms: Float) -> None:
         factors = {name: self.problem.factors(name) for name in self.problem.free_names} | self._factors(logarithms)
-        self.compiled.roughness = roughness_of(self.problem.parameters, self.compiled.values, factors)
-
-
-def _stopped(found: _Round) -> bool:
-    return found.fit.status == "stopped"
+        self.compiled.roughness = penalty_of(self.problem.parameters, self.compiled.values, factors, self.restraints)
 
 
 def _blocks(compiled: Compiled) -> Iterator[_Block]:

@@ -58,7 +58,7 @@ def choice_of(run: Run, start: Float, limits: Limits, known: Choice | None = Non
 
 def with_choice(problem: Problem, choice: Choice) -> Problem:
     """The problem with the factors chosen."""
-    return replace(problem, smoothness={**problem.smoothness, **choice.factors})
+    return replace(problem, smoothness={**problem.smoothness, **choice.factors}, restraints=choice.restraints)
 
 
 def _smoothed(problem: Problem, options: Options, progress: Progress | None, search: Search) -> Result:

@@ -38,7 +38,7 @@ class Linearised:
     """A fit: misfit(p + d) = misfit + 2 gradient'd + d'matrix d, without roughness; `movable` values may change.
 
     `rows` are the directions that equalities hold. `samples` is the number of independent samples. `blocks` are parts
-    of the data to be held back in turn.
+    of the data to be held back in turn. `pull` and `toward` are a penalty whatever the factors are.
     """
 
     values: Float  # Float[values]
@@ -49,6 +49,8 @@ class Linearised:
     rows: Float  # Float[equalities, values]
     samples: float
     blocks: tuple[Block, ...] = ()
+    pull: Float | float = 0.0  # Float[values], weights of the squares of values - toward
+    toward: Float | float = 0.0  # Float[values]
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,7 @@ class Prediction:
             rows.add(factor, matrix)
         for rows in self._given:
             rows.add(1.0, matrix)
+        matrix[np.diag_indices_from(matrix)] += self._fit.pull
         return matrix[np.ix_(self._free, self._free)]
 
     def _inverse(self, factors: Float) -> Float:
@@ -149,7 +152,7 @@ class Prediction:
         """
         fit, free = self._fit, self._free
         data = self._data if scored.matrix is fit.matrix else scored.matrix[np.ix_(free, free)]
-        pull = fitted.copy()
+        pull = fitted + fit.pull * (fit.values - fit.toward)
         weighted = [*zip(self._blocks, factors, strict=True), *((rows, 1.0) for rows in self._given)]
         for rows, factor in weighted:
             pull += factor * rows.transposed(rows.of(fit.values), fit.values.size)

@@ -79,7 +79,12 @@ def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
             factors[which] = float(factors[which]) * (cells.sum() / max(cells.size, 1)) ** 4
             tables[name] = _on(tables.get(name, problem.parameters[name]), which, still)
             smoothness[name] = tuple(factors)
-    return replace(problem, parameters=problem.parameters.with_parameters(*tables.values()), smoothness=smoothness)
+    return replace(
+        problem,
+        parameters=problem.parameters.with_parameters(*tables.values()),
+        smoothness=smoothness,
+        restraints={name: restraint for name, restraint in problem.restraints.items() if name not in tables},
+    )
 
 
 def _on(table: Parameter, which: int, axis: Axis) -> Parameter:

@@ -103,7 +103,9 @@ def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
         for table in changed
     }
     parameters = problem.parameters.with_parameters(*changed)
-    return replace(problem, parameters=parameters, smoothness={**problem.smoothness, **rescaled})
+    restraints = {name: each for name, each in problem.restraints.items() if name not in rescaled}
+    smoothness = {**problem.smoothness, **rescaled}
+    return replace(problem, parameters=parameters, smoothness=smoothness, restraints=restraints)
 
 
 def _needed(problem: Problem, name: str) -> Iterator[Int]:

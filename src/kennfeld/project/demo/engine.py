@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-__all__ = ["FULL_CHARGE", "best_spark", "torque", "torque_of_charge"]
+__all__ = ["FULL_CHARGE", "best_spark", "drag", "efficiency", "torque", "torque_of_charge"]
 
 Number = TypeVar("Number", float, Float)
 
@@ -33,4 +33,18 @@ def best_spark(speed: Float, air: Float) -> Float:
     """Spark advance in degrees at which the torque is greatest."""
     n, charge = speed * (np.pi / 30), air * (FULL_CHARGE / 100)
     result: Float = (0.26 + 0.00048 * n + 2.55 * charge) / (2 * (0.0028 + 0.05 * charge))
+    return result
+
+
+def drag(speed: Float) -> Float:
+    """Torque in Nm that turns the engine at `speed` in rpm while nothing burns in it: no charge, so no spark."""
+    result: Float = -torque_of_charge(speed * (np.pi / 30), np.zeros_like(speed), np.zeros_like(speed))
+    return result
+
+
+def efficiency(speed: Float, air: Float, distance: Float) -> Float:
+    """Share of the inner torque, torque plus drag, that is left at a `distance` in degrees from the best spark."""
+    best = best_spark(speed, air)
+    inner = torque(speed, air, best - distance) + drag(speed)
+    result: Float = inner / (torque(speed, air, best) + drag(speed))
     return result

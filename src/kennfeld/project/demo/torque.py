@@ -1,17 +1,37 @@
-"""The engine torque problem of the paper, on data from a published engine with known noise."""
+"""The engine torque problem of the paper, on data from a published engine with known noise.
+
+Points under load alone do not tell the drag from the inner torque. The demo therefore has a few motored points as well;
+`load-only.toml` beside it is the problem of the paper, without them.
+"""
+
+from pathlib import Path
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, Use
 from kennfeld.parameters import Axis, Curve, Map, ParameterSet
-from kennfeld.project.demo.engine import torque
+from kennfeld.project.demo.engine import drag, torque
 
-__all__ = ["BOUNDS", "FILES", "FORMULA", "NOISE", "PIN", "SMOOTHNESS", "UNIT", "bench", "fresh", "start"]
+__all__ = [
+    "BOUNDS",
+    "FILES",
+    "FORMULA",
+    "NOISE",
+    "PIN",
+    "SMOOTHNESS",
+    "UNIT",
+    "bench",
+    "fresh",
+    "motored",
+    "start",
+]
 
 NOISE, UNIT = 1.8, "Nm"  # standard deviation of the torque measurement
 SPEED, AIR, IGNITION = (700.0, 6100.0), (28.0, 100.0), (10.0, 40.0)
 LEVELS = (37, 19, 4)  # full factorial: 2812 points
+MOTORED = (9, 3)  # speeds and relative air masses at which the engine is motored: 27 points
+CUT = 20.0  # ignition in degrees that the control unit reports meanwhile
 SCATTER = (2.5, 0.15, 0.5)  # standard deviation of what the bench holds around its set points
 
 # Figure 3 of Gutjahr, Kleinegraeber, Kruse: Automated Optimization of Physics-Based Sensor Models.
@@ -53,6 +73,23 @@ def fresh(count: int = 1000, seed: int = 1) -> Dataset:
     return _measured("fresh", *points, seed=seed, use="test")
 
 
+def motored(seed: int = 0) -> Dataset:
+    """27 points with the fuel cut: the machine of the bench turns the engine, and measures the torque that it takes."""
+    rng = np.random.default_rng(seed + 3_000_000)
+    levels = [np.linspace(*span, count) for span, count in zip((SPEED, AIR), MOTORED, strict=True)]
+    speed, air = (
+        (axis.ravel() + rng.normal(0.0, scatter, axis.size)).round(1)
+        for axis, scatter in zip(np.meshgrid(*levels, indexing="ij"), SCATTER, strict=False)
+    )
+    channels = (
+        Channel("Speed", speed, "rpm"),
+        Channel("Rel_Airmass", air, "%"),
+        Channel("Ignition", np.full(speed.size, CUT), "deg"),
+        Channel("MotoringTorque", (drag(speed) + rng.normal(0.0, NOISE, speed.size)).round(2), "Nm"),
+    )
+    return Dataset("motored", channels)
+
+
 def _measured(name: str, speed: Float, air: Float, ignition: Float, *, seed: int, use: Use) -> Dataset:
     noise = np.random.default_rng(seed).normal(0.0, NOISE, speed.size)
     channels = (
@@ -91,4 +128,16 @@ def _constant(name: str, shape: tuple[int, int], value: float, unit: str, descri
     return Map(name, x, y, np.full(shape, value), unit=unit, description=description)
 
 
-FILES = {"torque.kf": lambda: FORMULA, "bench.csv": bench, "fresh.csv": fresh, "start.dcm": start}
+def load_only() -> str:
+    """The project without the motored points."""
+    return Path(__file__).with_name("torque_load_only.toml").read_text(encoding="utf-8")
+
+
+FILES = {
+    "load-only.toml": load_only,
+    "torque.kf": lambda: FORMULA,
+    "bench.csv": bench,
+    "motored.csv": motored,
+    "fresh.csv": fresh,
+    "start.dcm": start,
+}
