@@ -43,7 +43,8 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 def test_a_column_called_time_is_the_time_of_the_samples(form):
     data = FORMS[form]()
-    result = kf.calibrate(SLOW, data, {"T": 0.2}, "z", test=data)
+    with pytest.warns(kf.InputWarning, match="all 40 test samples"):
+        result = kf.calibrate(SLOW, data, {"T": 0.2}, "z", test=data)
     assert result.parameters["T"].value == pytest.approx(0.7, rel=1e-6)
     simulated = kf.simulate(SLOW, data, {"T": 0.7})
     np.testing.assert_allclose(simulated.time, TIME, atol=1e-9)

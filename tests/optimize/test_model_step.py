@@ -84,7 +84,8 @@ def test_a_finer_step_of_the_model_gives_values_at_the_samples_of_the_data(count
 
 
 def test_a_finer_step_of_the_model_gives_the_right_gain(counter):
-    result = kf.calibrate(counter, ramp(3.0), {"Slope": 1.0}, "z", test=ramp(3.0, 20))
+    with pytest.warns(kf.InputWarning, match="13 of 20 test samples"):
+        result = kf.calibrate(counter, ramp(3.0), {"Slope": 1.0}, "z", test=ramp(3.0, 20))
     assert result.parameters["Slope"].value == pytest.approx(3)
     assert [row.samples for row in result.quality] == [13, 20]
 
