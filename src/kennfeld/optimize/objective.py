@@ -15,7 +15,7 @@ LEARNING_VALUES = 128
 
 
 class SumOfSquares:
-    """Data cost plus roughness; see `gauss_newton.Objective`.
+    """Data cost plus roughness; see `gauss_newton_model.Objective`.
 
     Slopes of the data that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
     """

@@ -22,7 +22,8 @@ from kennfeld.errors import Finding
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Objective, Settings, Status, Stop, gauss_newton
+from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, Status, Stop, gauss_newton
+from kennfeld.optimize.solver.gauss_newton_model import Objective
 
 __all__ = ["FEW", "GlobalSettings", "Report", "global_search", "polished", "unbounded"]
 

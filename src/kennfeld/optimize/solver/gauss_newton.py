@@ -3,57 +3,26 @@
 Every iteration solves a convex quadratic program in the damped Gauss-Newton model. The damping follows the ratio of
 actual to predicted gain (H. B. Nielsen, Damping parameter in Marquardt's method, 1999); it is measured in each value's
 own scale, the diagonal of the Gauss-Newton matrix with a floor, so values of any unit are treated alike.
-Small problems are factored by QR of the Jacobian, which keeps the digits that the normal equations square away.
 Where the residuals' own curvature matters, a second model adds what `Secant` has learnt of it; of the two, the one that
 predicted the last trial better is in use.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Cholesky, Factor
+from kennfeld.native import Factor
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Objective
 from kennfeld.optimize.solver.quadratic import Solution, solve
 from kennfeld.optimize.solver.secant import Secant
 
-__all__ = ["Descent", "Iteration", "Objective", "Settings", "Status", "Stop", "gauss_newton"]
+__all__ = ["Descent", "Iteration", "Settings", "Status", "Stop", "gauss_newton"]
 
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
-
-
-class Objective(Protocol):
-    """A sum of squares and what the solver needs of it. Gradients are halved: J'Wr."""
-
-    @property
-    def small(self) -> bool:
-        """Whether `rows` fits memory and its digits are worth a QR."""
-
-    @property
-    def bends(self) -> bool:
-        """Whether `rows` changes smoothly enough to measure the curvature of the residuals."""
-
-    @property
-    def learns(self) -> bool:
-        """Whether the residuals' second derivatives are worth a dense matrix of all values."""
-
-    def cost(self, values: Float) -> float:
-        """The cost; not finite where the model fails."""
-
-    def normal(self, values: Float) -> tuple[Float, Float]:
-        """Half the gradient, and the Gauss-Newton matrix. They hold until the next call."""
-
-    def rows(self, values: Float) -> tuple[Float, Float]:
-        """Weighted residuals and their Jacobian."""
-
-    def mean_curvature(self, diagonal: Float) -> Float:
-        """For each value the mean over its table of the diagonal of the Gauss-Newton matrix; 0 for scalars."""
-
-    def cholesky(self, size: int) -> Cholesky:
-        """What factors the matrix of `size` of its values; it knows the zeros of those before."""
 
 
 @dataclass(frozen=True)
@@ -99,107 +68,13 @@ class Descent:
     evaluations: int
 
 
-MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
 MOST_DAMPING = 1e40  # steps have vanished long before
-PROBE = 0.1  # share of a step at which its curvature is measured
 MOST_BEND = 0.75
 LITTLE_DAMPING = 1e-12
 PROMISED = 0.5  # share of the cost that a step with little damping may promise to gain at a minimum, say at a crease
-FLOOR = 1e-6  # of the mean curvature in its table: the least scale of a value, so that it does not run away
-HELD = 1e-9  # of the mean curvature: the least damping where limits hold, so that their products keep their digits
 FEASIBLE = 1e-10  # of a limit's scale: what a trial step may miss it by, a tenth of what is promised
 EXACT = 1e3  # times the rounding of the residuals: a model with residuals this small reproduces the data exactly
 SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals vanish
-
-
-class _Linearised:
-    """The Gauss-Newton model at one point: gradient, matrix or triangular factor, and the values' scales."""
-
-    def __init__(self, objective: Objective, at: Float, movable: Int, scale: Float | None) -> None:
-        self.movable = movable
-        self.objective, self.at = objective, at
-        if objective.small:
-            residual, jacobian = objective.rows(at)
-            jacobian = jacobian[:, movable]
-            self.residual, self.jacobian = residual, jacobian
-            self.root, self.rotated = _triangle(jacobian, residual)
-            self.matrix: Float | None = None
-            self.gradient = jacobian.T @ residual
-            diagonal = np.einsum("ij,ij->j", jacobian, jacobian)
-        else:
-            gradient, matrix = objective.normal(at)
-            everything = movable.size == at.size
-            self.gradient = gradient if everything else gradient[movable]
-            self.matrix = matrix if everything else matrix[np.ix_(movable, movable)]
-            diagonal = np.diag(self.matrix)
-        self.diagonal = diagonal
-        full = np.zeros(at.size)
-        full[movable] = diagonal
-        mean = objective.mean_curvature(full)[movable]
-        self.scale = np.maximum(diagonal, FLOOR * mean)
-        self.scale[self.scale <= 0] = 1.0
-        if scale is not None:
-            self.scale = np.maximum(self.scale, MEMORY * scale)
-        self.curvature = np.maximum(self.scale, mean)
-
-    @property
-    def finite(self) -> bool:
-        return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
-
-    @property
-    def rounding(self) -> float:
-        """How exactly the residuals are known: they are differences of predictions of the size |J p|."""
-        return float(np.finfo(float).eps * np.linalg.norm(np.sqrt(self.diagonal) * self.at[self.movable]))
-
-    def factor(self, damping: float, secant: Secant | None = None, *, held: bool) -> tuple[Factor, Float] | None:
-        """Factor of the damped matrix and the step without limits; None where it is not positive definite.
-
-        Where limits hold, `held`, the damping has a floor: limits tie values that no data inform to those that data
-        do, and the smaller the curvature of the former, the fewer digits are left of the latter.
-        """
-        damped = np.maximum(damping * self.scale, HELD * self.curvature) if held else damping * self.scale
-        if secant is not None:
-            whole = (self.root.T @ self.root if self.matrix is None else self.matrix) + secant.matrix
-            curved = Cholesky(self.movable.size).factor(whole, damped)
-            return None if curved is None else (curved, curved.solve(-self.gradient))
-        if self.matrix is not None:
-            factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damped)
-            return None if factor is None else (factor, factor.solve(-self.gradient))
-        stacked = np.vstack([self.root, np.diag(np.sqrt(damped))])
-        upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
-        diagonal = np.abs(np.diag(upper))
-        if diagonal.min(initial=1.0) <= 0:
-            return None
-        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
-        lower = np.ascontiguousarray((sign[:, None] * upper).T)
-        return Factor.of(lower), np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
-
-    def bend(self, factor: Factor, step: Float) -> Float:
-        """Geodesic acceleration: the correction of a step for the curvature of the residuals along it.
-
-        M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012. Small problems only.
-        """
-        trial = self.at.copy()
-        trial[self.movable] += PROBE * step
-        ahead, _ = self.objective.rows(trial)
-        if not np.all(np.isfinite(ahead)):
-            return np.full(step.size, np.inf)
-        curved = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
-        return factor.solve(-(self.jacobian.T @ curved))
-
-    def explained(self, step: Float) -> Float:
-        """Change of the gradient over a step that the Gauss-Newton matrix predicts."""
-        return self.root.T @ (self.root @ step) if self.matrix is None else self.matrix @ step
-
-    def gain(self, step: Float) -> float:
-        """Predicted decrease of the cost."""
-        bend = np.sum((self.root @ step) ** 2) if self.matrix is None else step @ (self.matrix @ step)
-        return float(-2 * (self.gradient @ step) - bend)
-
-    def length(self, step: Float) -> float:
-        """Length of a step in the values' own scales."""
-        with np.errstate(over="ignore"):
-            return float(np.sqrt(np.sum(self.scale * step * step)))
 
 
 def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
@@ -208,16 +83,6 @@ def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
         return True
     sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
     return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
-
-
-def _triangle(jacobian: Float, residual: Float) -> tuple[Float, Float]:
-    """R and Q'r of a QR factorisation; rows of zeros are added where there are fewer than columns."""
-    missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
-    if missing:
-        jacobian = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])
-        residual = np.concatenate([residual, np.zeros(missing)])
-    q, r = np.linalg.qr(jacobian)
-    return r, q.T @ residual
 
 
 def gauss_newton(
@@ -278,7 +143,7 @@ class _Descending:
         if self.objective.learns:
             self.secant = Secant(movable.size)
         while self.iterations < self.settings.max_iterations:
-            line = _Linearised(self.objective, self.at, movable, self.scale)
+            line = GaussNewtonModel(self.objective, self.at, movable, self.scale)
             self.scale = line.scale
             if not line.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")
@@ -290,13 +155,13 @@ class _Descending:
             "max_iterations", "The cost was still falling when the iterations ran out; raise max_iterations."
         )
 
-    def _learn(self, line: _Linearised) -> None:
+    def _learn(self, line: GaussNewtonModel) -> None:
         if self.secant is not None and self.last is not None:
             step, gradient, explained = self.last
             self.secant.learn(step, line.gradient - gradient, explained)
             self.last = None
 
-    def _descend(self, line: _Linearised, limits: Limits) -> Descent | None:
+    def _descend(self, line: GaussNewtonModel, limits: Limits) -> Descent | None:
         """Raise the damping, or change the model, until a step lowers the cost; None to go on from there."""
         here = self.at[line.movable]
         may_switch = True
@@ -347,12 +212,12 @@ class _Descending:
                 self._harder()
         return self._stuck(line, limits, "No step lowers the cost any further.")
 
-    def _exact(self, line: _Linearised, gain: float) -> bool:
+    def _exact(self, line: GaussNewtonModel, gain: float) -> bool:
         """Whether residuals are all but rounding, of which the cost r'r is uncertain by twice |r| times theirs."""
         size, rounding = float(np.sqrt(self.cost)), line.rounding
         return size <= EXACT * rounding and gain <= 2 * size * rounding
 
-    def _solved(self, line: _Linearised, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
+    def _solved(self, line: GaussNewtonModel, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
         """The factor of the damped model, its step without limits, and the solution within them."""
         while True:
             found = line.factor(self.damping, self.secant if self.curved else None, held=self.held)
@@ -363,7 +228,7 @@ class _Descending:
             if before or not self.held:
                 return *found, solution
 
-    def _stuck(self, line: _Linearised, limits: Limits, message: str) -> Descent:
+    def _stuck(self, line: GaussNewtonModel, limits: Limits, message: str) -> Descent:
         """The end where damping leaves no step: at a minimum, or where all but the shortest steps lead astray."""
         found = line.factor(LITTLE_DAMPING, held=self.held) if self.cost > SOLVED * self.first_cost else None
         if found is not None and np.all(np.isfinite(found[1])):
@@ -376,7 +241,7 @@ class _Descending:
                 )
         return self._end("converged", message)
 
-    def _gains(self, line: _Linearised, step: Float) -> tuple[float, float]:
+    def _gains(self, line: GaussNewtonModel, step: Float) -> tuple[float, float]:
         """Gain of a step predicted by the model in use, and by the other one."""
         plain = line.gain(step)
         curved = plain if self.secant is None else plain - self.secant.bend(step)
@@ -386,7 +251,7 @@ class _Descending:
         self.damping *= self.growth
         self.growth *= 2.0
 
-    def _accept(self, line: _Linearised, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
+    def _accept(self, line: GaussNewtonModel, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
         held_back = self.damping > 1.0 and ratio > self.settings.trusted
         if relative >= self.settings.tolerance:
