@@ -11,6 +11,7 @@ import typer
 from kennfeld import __version__
 from kennfeld.errors import Finding, InputError, KennfeldError
 from kennfeld.terminal.output import complain, say
+from kennfeld.terminal.signals import end_like_ctrl_c
 
 if TYPE_CHECKING:
     from kennfeld.analysis.leaving import Leaving
@@ -72,13 +73,14 @@ DescriptionFile = Annotated[
 def main() -> None:
     """The command `kennfeld`; ends the process."""
     gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; looking for it takes a tenth of it
+    end_like_ctrl_c()
     sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and give its exit status.
 
-    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C.
+    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C, SIGTERM or SIGHUP.
     """
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
@@ -129,8 +131,9 @@ def train(
 
     training = read_training(path)
     made = training.train(lambda line: say(line))
+    say(*summary(made), "")
     write_surrogate(made, training.target)
-    say(*summary(made), "", f"Written to {training.target}")
+    say(f"Written to {training.target}")
     return DONE
 
 
@@ -238,7 +241,7 @@ def calibrate(
 ) -> int:
     """Find the values that fit best, and write them.
 
-    Ctrl-C stops at the best values so far and still writes the results.
+    Ctrl-C stops at the best values so far and still writes the results; so do SIGTERM and SIGHUP.
     """
     from kennfeld.project import Project
 
@@ -269,13 +272,16 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
     text = json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    say("", *aligned(found.table()), "", *found.summary())
     path = write_text(f"{text}\n", folder / "cross_validation.json")
-    say("", *aligned(found.table()), "", *found.summary(), f"Written to {path}")
+    say(f"Written to {path}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
-    from kennfeld.project.results import require_room, write
+    from kennfeld.calfiles.json_values import write_json
+    from kennfeld.project.fallback import write_somewhere
+    from kennfeld.project.results import require_room
     from kennfeld.report import safely
     from kennfeld.terminal.choices import choices
     from kennfeld.terminal.findings import left_data, left_open
@@ -296,7 +302,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
             left = _left(project, result)
             text = safely(project, result, findings, left)
             further = {"surrogates": [row.as_json() for row in left]} if left else None
-            written = write(result, project, folder, {"report.html": text}, further, told)
+            written = write_somewhere(result, project, folder, {"report.html": text}, further, told)
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
@@ -308,7 +314,10 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(*left_open(result.trust), *left_data(left))
     complain(*told)
-    say(f"Written to {folder}: {', '.join(path.name for path in written)}")
+    if written:
+        say(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
+    else:
+        say("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
     if interrupt.pressed:
         return INTERRUPTED
     if any(finding.severity == "error" for finding in told):

@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterable
+from errno import EIO, EPIPE
 from typing import TextIO
 
 from kennfeld.errors import Finding
@@ -27,12 +28,14 @@ def complain(*problems: Finding | str) -> None:
 
 
 def _print(stream: TextIO, lines: Iterable[str]) -> None:
-    """Characters that the stream cannot show become question marks; a reader that has gone away is no error."""
+    """Characters that the stream cannot show become question marks; a reader or terminal that has gone is no error."""
     encoding = stream.encoding or "utf-8"
     text = "".join(f"{line}\n" for line in lines).encode(encoding, errors="replace").decode(encoding)
     try:
         stream.write(text)
         stream.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        if error.errno not in (EPIPE, EIO):
+            raise
         # what is still buffered would complain once more at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
