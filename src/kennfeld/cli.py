@@ -86,17 +86,13 @@ def run(arguments: Sequence[str]) -> int:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
     except InputError as error:
         complain(*error.findings)
-    except (KennfeldError, _MISUSE) as error:
+    except (KennfeldError, typer.TyperException) as error:
         complain(_sentence(error))
     except OSError as error:
         complain(f"{error.filename or 'the system'}: {error.strerror or error}")
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     return WRONG_INPUT
-
-
-# the base of typer's errors of use; where it lives differs from version to version
-_MISUSE: type[Exception] = typer.BadParameter.__mro__[2]
 
 
 def _sentence(error: Exception) -> str:

@@ -19,6 +19,7 @@ from kennfeld.optimize.calibration import Options, Progress
 from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
+from kennfeld.optimize.data.delay_memory import delay_findings
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
@@ -167,6 +168,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     dataset = data if isinstance(data, Dataset) else Dataset.of("data", data)
     findings = missing(ready.graph, [dataset], values, channels or {})
     findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
+    findings += delay_findings(ready, 0)
     if findings:
         raise InputError(findings)
     return Nodes(ready.graph, values).dataset(bind(dataset, ready.graph, channels or {}, ready.step), values)
@@ -299,7 +301,7 @@ def _check(problem: Problem) -> None:
             if node is not None and node not in names:
                 mend = nearest(node, [*names, *channels])
                 findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
-    findings += [] if findings else check_limits(problem)
+    findings += [] if findings else delay_findings(problem.model, problem.free_size) or check_limits(problem)
     if findings:
         raise InputError(findings)
 

@@ -33,6 +33,7 @@ __all__ = ["Options", "Progress", "Run", "run"]
 
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 CREASED = 3e-3  # relative difference of two ends from which creases matter
+MOST_STARTS = 10_000  # each keeps its values until the end
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,8 @@ class Options:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | np.integer) and value >= least):
                 raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
+        if self.starts > MOST_STARTS:
+            raise ArgumentError(f"starts={self.starts!r} must be <= {MOST_STARTS}")
         if not 0 < self.spread < float("inf"):
             raise ArgumentError(f"spread={self.spread!r} must be a number above 0")
         object.__setattr__(self, "steps", tuple(self.steps))

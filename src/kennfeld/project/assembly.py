@@ -13,6 +13,7 @@ from kennfeld.models import started
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.data.delay_memory import delay_findings
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.limits.projection import infeasible
 from kennfeld.optimize.limits.sides import channels_of, check_limits
@@ -109,6 +110,7 @@ class _Assembling:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
         self.findings += check_free_axes(self.file, problem)
+        self.findings += delay_findings(problem.model, problem.free_size)
         self._check_samples(problem)
         self._check_limits(problem)
         findings += method_findings(file, problem)
