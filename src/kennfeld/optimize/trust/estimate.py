@@ -36,6 +36,8 @@ from kennfeld.optimize.trust.spectrum import Spectrum, root
 
 __all__ = ["Estimate", "estimate"]
 
+LARGE, SPARSE = 1000, 0.05  # rows, and share of a matrix that is not 0, at which products leave out zeros
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -137,7 +139,7 @@ class Estimate:
         inverse = self.spectrum.inverse
         rows = inverse if functions is None else functions @ inverse
         matrix = self.uneven if error else self._noisy
-        found: Float = np.zeros(len(rows)) if matrix is None else np.einsum("ij,ij->i", rows @ matrix, rows)
+        found = np.zeros(len(rows)) if matrix is None else _quadratic(rows, matrix)
         if error:
             own = np.diag(inverse) if functions is None else np.einsum("ij,ij->i", rows, functions)
             found = found + self.dispersion * own
@@ -172,6 +174,18 @@ class Estimate:
         found = np.zeros(self.reduction.size)
         found[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
         return found
+
+
+def _quadratic(rows: Float, matrix: Float) -> Float:
+    """Return r'Mr of each row r. In a large M most is 0, since values far from each other share no sample."""
+    if len(rows) > LARGE and np.count_nonzero(matrix) < SPARSE * matrix.size:
+        from scipy.sparse import csr_array
+
+        products = rows @ csr_array(matrix)
+    else:
+        products = rows @ matrix
+    found: Float = np.einsum("ij,ij->i", products, rows)
+    return found
 
 
 ALONE = Settings(max_iterations=20, tolerance=1e-4)  # of the descent to where the data alone would have the values
@@ -223,7 +237,8 @@ def _reduced(
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0
     part = np.ix_(seen, seen)
-    data, smoothness = data[part], smoothness[part]
+    if not seen.all():
+        data, smoothness = data[part], smoothness[part]
     if measured.rows is None:
         spectrum = Spectrum.of_matrix(data + smoothness)
     else:
