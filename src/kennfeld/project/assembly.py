@@ -132,7 +132,9 @@ class _Assembling:
     def _feasible(self, problem: Problem) -> Problem | None:
         """The problem, None where its limits contradict each other."""
         found = infeasible(problem)
-        self.findings += found
+        self.findings += [
+            replace(one, place=self.file.path.name) if one.place == "constraints" else one for one in found
+        ]
         return None if found else problem
 
     def _problem(

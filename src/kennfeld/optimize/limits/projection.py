@@ -5,6 +5,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.native import Factor, Values
+from kennfeld.optimize.limits.contradictions import contradictions
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
@@ -34,9 +35,9 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     there[movable] = solution.reached(here, narrow)
     missed = limits.violations(there, size)
     if not np.all(missed <= FEASIBLE):
-        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")[:3]
-        named = "; ".join(limits.rows.names[row] for row in worst if not missed[row] <= FEASIBLE)
-        return None, f"Limits contradict bounds, locks or each other. Not met: {named}."
+        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")
+        told = contradictions(limits, there, worst[~(missed[worst] <= FEASIBLE)])
+        return None, f"Limits contradict bounds, locks or each other: {told}."
     return there, "The start did not keep its limits and was moved to the nearest values that do."
 
 
