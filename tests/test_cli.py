@@ -294,6 +294,17 @@ class TestCalibrate:
         assert cli.run(["check", str(project)]) == 0
 
 
+class TestHowManyValues:
+    def test_check_and_calibrate_count_the_same(self, folder, project, capsys):
+        change(project, "[parameters.CurveEtaDeltaSpark]", "[parameters.CurveEtaDeltaSpark]\nlock = [{ x = [0, 20] }]")
+        assert cli.run(["check", str(project)]) == 0
+        counted = int(capsys.readouterr().out.splitlines()[1].split()[0])
+        change(project, "[optimizer]", "[optimizer]\nmax_iterations = 1")
+        cli.run(["calibrate", str(project)])
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["values"]["free"] == counted < found["values"]["free"] + found["values"]["fixed"]
+
+
 class TestCtrlC:
     def test_stops_at_the_best_values_and_writes_them(self, folder, project, capfd, monkeypatch):
         lines = []

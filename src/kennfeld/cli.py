@@ -172,6 +172,7 @@ def check(path: ProjectFile) -> int:
 
     Each comes with its place and the mend, on stderr; nothing is fitted.
     """
+    from kennfeld.optimize.limits.projection import movable
     from kennfeld.project import Project
     from kennfeld.project.toml import is_training, read_toml
 
@@ -181,10 +182,9 @@ def check(path: ProjectFile) -> int:
     findings = _sound(project)
     complain(*findings)
     problem = project.problem()
-    values = sum(problem.parameters[name].size for name in problem.free_names)
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
     say(f"{path}: {_soundness(findings)}")
-    say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    say(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
 
 

@@ -61,7 +61,8 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
         (
             "[parameters.Gain]\nbounds = [0, 1]\npin = [{ at = [1000], value = 0.2 }, { at = [3000], value = 0.1 }]\n"
             "gradient = { x = [0, inf] }",
-            "pin of Gain at x = 3000 must be 0.1, but that contradicts slope of Gain along x between 2000 and 3000 (must be >= 0)",
+            "pin of Gain at x = 3000 must be 0.1, but that contradicts slope of Gain along x between 2000 and 3000 "
+            "(must be >= 0)",
         ),
         (
             "[parameters.Gain]\nbounds = [0, 1]\npin = [{ at = [1000], value = 2 }]",

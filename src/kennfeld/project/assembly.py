@@ -23,7 +23,7 @@ from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.project.constraints import Constraints, build_constraints
 from kennfeld.project.criteria import build_criteria
 from kennfeld.project.free_breakpoints import check_free_axes
-from kennfeld.project.function import Function, is_drawn, read_function, undefined
+from kennfeld.project.function import Function, axes_finding, is_drawn, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
 from kennfeld.project.locking import untouched
@@ -317,8 +317,7 @@ class _Assembling:
             parameter = tables.parameters[name]
             has = parameter.coordinates
             if has != count:
-                what = f"{name} is given {_coordinates(count)}, but it is a {parameter.kind} with {has} axes"
-                self.findings.append(Finding(function.place(name), what, "Correct one of them."))
+                self.findings.append(axes_finding(function, name, parameter.kind, has))
             missing = np.argwhere(~np.isfinite(parameter.values))
             if missing.size:
                 at = ", ".join(str(int(i) + 1) for i in missing[0])
@@ -327,7 +326,11 @@ class _Assembling:
                 mend = "Complete the file, or write initial = ... in its section."
                 self._report(f"[parameters.{name}] initial", what + where, mend)
         if not tables.free and function.graph.parameters:
-            self._report("[calibration] free", "no parameter that the function uses is free", 'Write free = ["*"].')
+            self._report(
+                "[calibration] free",
+                "no parameter that the function uses is free",
+                'Write free = ["*"] in [calibration].',
+            )
 
     def _check_limits(self, problem: Problem) -> None:
         """Limits of outputs that cannot be read."""
@@ -367,7 +370,3 @@ def _emptiest(problem: Problem, bound: Bound) -> str:
         shares[channel] = float(np.mean(~np.isfinite(bound.dataset[channel].values)))
     worst = sorted((c for c in shares if shares[c] > 0), key=lambda c: -shares[c])[:3]
     return ", ".join(f"{name} is missing in {shares[name]:.0%}" for name in worst) or "the data are empty"
-
-
-def _coordinates(count: int) -> str:
-    return f"{count or 'no'} coordinate{'s' * (count != 1)}"

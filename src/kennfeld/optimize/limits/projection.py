@@ -11,7 +11,7 @@ from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.quadratic import solve
 
-__all__ = ["infeasible", "project"]
+__all__ = ["infeasible", "movable", "project"]
 
 FEASIBLE = 1e-9  # of the limits' scale
 
@@ -52,6 +52,14 @@ def infeasible(problem: Problem) -> list[Finding]:
         return list(error.findings)
     moved, remark = project(values.pack(problem.parameters)[: values.free], limits)
     return [Finding("constraints", remark)] if moved is None else []
+
+
+def movable(problem: Problem) -> int:
+    """Return how many of the free values may change: those that neither a lock nor two equal bounds hold.
+
+    Raises `InputError` where a limit concerns what is not free.
+    """
+    return int(limits_of(problem, _in_order(problem)).movable.sum())
 
 
 def _in_order(problem: Problem) -> Values:
