@@ -246,7 +246,7 @@ def _reduced(
     each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts]
     used = [float(np.sum(spectrum.inverse * one)) for one in each]
     found = known or variances(groups, used)
-    shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, found, strict=True)]
+    shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, found, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
     uneven = None
     if len(groups) > 1:
@@ -298,7 +298,7 @@ class _Measured:
         return self._rescored(self._groups)
 
     def _rescored(self, groups: Sequence[Group]) -> Accumulator:
-        factors = {group: group.slope / group.weight for group in groups}
+        factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
         return Accumulator(self._compiled.kernel, rescored(self._compiled, factors))
 
     @cached_property
