@@ -15,11 +15,11 @@ _REQUIREMENT = re.compile(r"([\w.-]+)>=([\w.]+)")
 
 
 def lowest(text: str) -> Iterator[str]:
-    """Yield a constraint such as `numpy==1.26` for each dependency.
+    r"""Yield a constraint such as `numpy==1.26` for each dependency.
 
     Raises `ValueError` if one states no lowest version, or more than that.
 
-    >>> list(lowest('[project]\\ndependencies = ["numpy>=1.26"]\\n'))
+    >>> list(lowest('[project]\ndependencies = ["numpy>=1.26"]\n'))
     ['numpy==1.26']
     """
     project = tomllib.loads(text)["project"]
