@@ -3,7 +3,16 @@
 A search for new ones is asked for: `pytest --hypothesis-profile=search`.
 """
 
+import os
+
 from hypothesis import HealthCheck, settings
+
+# Tests run in one process a core, and threads of a BLAS wait by spinning. This comes before numpy is loaded; commands
+# that tests start inherit it.
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+os.environ.pop("COLUMNS", None)  # tables would follow the width of a terminal that pytest-xdist tells its workers
 
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 

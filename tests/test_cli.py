@@ -22,6 +22,7 @@ from kennfeld.project.demo import write
 from kennfeld.terminal import progress
 
 COMMAND = [sys.executable, "-m", "kennfeld"]
+ENDING = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @pytest.fixture(scope="session")
@@ -311,6 +312,17 @@ class TestCalibrate:
         assert cli.run(["check", str(project)]) == 0
 
 
+class TestHowManyValues:
+    def test_check_and_calibrate_count_the_same(self, folder, project, capsys):
+        change(project, "[parameters.CurveEtaDeltaSpark]", "[parameters.CurveEtaDeltaSpark]\nlock = [{ x = [0, 20] }]")
+        assert cli.run(["check", str(project)]) == 0
+        counted = int(capsys.readouterr().out.splitlines()[1].split()[0])
+        change(project, "[optimizer]", "[optimizer]\nmax_iterations = 1")
+        cli.run(["calibrate", str(project)])
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["values"]["free"] == counted < found["values"]["free"] + found["values"]["fixed"]
+
+
 class TestCtrlC:
     def test_stops_at_the_best_values_and_writes_them(self, folder, project, capfd, monkeypatch):
         lines = []
@@ -345,10 +357,10 @@ class TestCtrlC:
         assert "before there was anything to write" in capsys.readouterr().err
         assert not (folder / "results").exists()
 
-    def test_leaves_the_handler_as_it_was(self, project):
-        before = signal.getsignal(signal.SIGINT)
+    def test_leaves_the_handlers_as_they_were(self, project):
+        before = [signal.getsignal(getattr(signal, name)) for name in ENDING]
         cli.run(["calibrate", str(project)])
-        assert signal.getsignal(signal.SIGINT) is before
+        assert [signal.getsignal(getattr(signal, name)) for name in ENDING] == before
 
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
     def test_reaches_a_running_process(self, folder, project):
@@ -367,6 +379,122 @@ class TestCtrlC:
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
         assert found["status"] == "stopped"
         assert found["cost"]["after"] < found["cost"]["before"]
+
+
+class TestRequestsToEnd:
+    @pytest.mark.parametrize("name", [name for name in ENDING if name != "SIGINT"])
+    def test_stop_at_the_best_values_and_write_them(self, folder, project, monkeypatch, name):
+        lines = []
+
+        def press(self, line):
+            lines.append(line)
+            if len(lines) == 3:
+                signal.raise_signal(getattr(signal, name))
+
+        monkeypatch.setattr(progress._Lines, "__call__", press)
+        assert cli.run(["calibrate", str(project)]) == 130
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["status"] == "stopped"
+        assert len(lines) == 3
+
+    @pytest.mark.parametrize("first", [name for name in ENDING if name != "SIGINT"])
+    def test_twice_give_up_without_results(self, folder, project, monkeypatch, first):
+        def press(self, line):
+            signal.raise_signal(getattr(signal, first))
+            signal.raise_signal(signal.SIGTERM)
+
+        monkeypatch.setattr(progress._Lines, "__call__", press)
+        with pytest.raises(SystemExit) as ended:
+            cli.run(["calibrate", str(project)])
+        assert ended.value.code == 130
+        assert not (folder / "results").exists()
+
+    @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs SIGHUP")
+    def test_a_closing_terminal_may_say_so_twice(self, folder, project, monkeypatch):
+        def press(self, line):
+            signal.raise_signal(signal.SIGHUP)
+            signal.raise_signal(signal.SIGHUP)
+
+        monkeypatch.setattr(progress._Lines, "__call__", press)
+        assert cli.run(["calibrate", str(project)]) == 130
+        assert (folder / "results" / "result.json").exists()
+
+    @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs SIGHUP")
+    def test_one_that_is_ignored_stays_ignored(self, project, monkeypatch):
+        before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        try:
+            monkeypatch.setattr(progress._Lines, "__call__", lambda *_: signal.raise_signal(signal.SIGHUP))
+            assert cli.run(["calibrate", str(project)]) == 0
+        finally:
+            signal.signal(signal.SIGHUP, before)
+
+    @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+    def test_end_any_command(self, project):
+        code = (
+            "import time; from kennfeld import cli; from kennfeld.project import Project\n"
+            "Project.read = lambda path: (print('reading', flush=True), time.sleep(60))\n"
+            "cli.main()"
+        )
+        running = subprocess.Popen(
+            [sys.executable, "-c", code, "check", str(project)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert running.stdout.readline() == "reading\n"
+        running.terminate()
+        _, err = running.communicate(timeout=60)
+        assert (running.returncode, err) == (130, "")
+
+    @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+    def test_a_terminal_that_closes_loses_no_result(self, folder, project):
+        for number in range(30):
+            shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
+        change(project, '"bench.csv"', '"bench_*.csv"')
+        terminal, other_end = os.openpty()
+        code = (
+            "import os, sys\n"
+            "terminal = os.open(os.ttyname(0), os.O_RDWR)\n"  # the first that a session opens becomes its own
+            "for number in range(3): os.dup2(terminal, number)\n"
+            "os.close(terminal)\nos.execv(sys.argv[1], sys.argv[1:])"
+        )
+        running = subprocess.Popen(
+            [sys.executable, "-c", code, *COMMAND, "calibrate", str(project)], stdin=other_end, start_new_session=True
+        )
+        os.close(other_end)
+        seen = b""
+        while b"iteration" not in seen:
+            seen += os.read(terminal, 1000)
+        os.close(terminal)
+        assert running.wait(timeout=120) == 130
+        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert found["status"] == "stopped"
+
+
+class TestAFolderThatCannotBeWritten:
+    @pytest.fixture(autouse=True)
+    def full(self, monkeypatch):
+        def fails(path):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr("kennfeld.project.replacement._sync", fails)
+
+    def test_costs_neither_the_table_nor_the_values(self, project, tmp_path, capsys, monkeypatch):
+        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+        assert cli.run(["calibrate", str(project)]) == 2
+        out, err = capsys.readouterr()
+        (other,) = tmp_path.glob("kennfeld-results-*")
+        assert "RMSE before" in out
+        assert f"Written to {other}: parameters.json" in out
+        assert "results: cannot be written: No space left on device. Written to" in err
+
+    def test_nor_do_the_values_get_lost_where_nothing_can(self, project, tmp_path, capsys, monkeypatch):
+        monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
+        assert cli.run(["calibrate", str(project)]) == 2
+        out, err = capsys.readouterr()
+        values = json.loads(out.partition("The values, as parameters.json:\n")[2])
+        assert values["MapOptTorque"]["kind"] == "map"
+        assert "Nor can a temporary folder." in err
 
 
 class TestSeveralStarts:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ArrayLike", "Bool", "Float", "Int", "aligned", "readonly"]
+__all__ = ["ArrayLike", "Bool", "Float", "Int", "aligned", "readonly", "silent"]
 
 LINE = 8  # doubles in a cache line
 
@@ -27,3 +27,8 @@ def aligned(size: int) -> Float:
     room = np.zeros(size + LINE)
     skip = (-room.ctypes.data // room.itemsize) % LINE
     return room[skip : skip + size]
+
+
+def silent() -> np.errstate:
+    """Return a context for computations whose results are checked: what is not finite there needs no warning."""
+    return np.errstate(over="ignore", invalid="ignore", divide="ignore")

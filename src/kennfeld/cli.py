@@ -11,6 +11,7 @@ import typer
 from kennfeld import __version__
 from kennfeld.errors import Finding, InputError, KennfeldError
 from kennfeld.terminal.output import complain, say
+from kennfeld.terminal.signals import end_like_ctrl_c
 
 if TYPE_CHECKING:
     from kennfeld.analysis.leaving import Leaving
@@ -74,19 +75,20 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist a
 def main() -> None:
     """The command `kennfeld`; ends the process."""
     gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; looking for it takes a tenth of it
+    end_like_ctrl_c()
     sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and give its exit status.
 
-    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C.
+    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C, SIGTERM or SIGHUP.
     """
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
     except InputError as error:
         complain(*error.findings)
-    except (KennfeldError, _MISUSE) as error:
+    except (KennfeldError, typer.TyperException) as error:
         complain(_sentence(error))
     except OSError as error:
         complain(f"{error.filename or 'the system'}: {error.strerror or error}")
@@ -97,10 +99,6 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return WRONG_INPUT
-
-
-# the base of typer's errors of use; where it lives differs from version to version
-_MISUSE: type[Exception] = typer.BadParameter.__mro__[2]
 
 
 def _sentence(error: Exception) -> str:
@@ -135,8 +133,9 @@ def train(
 
     training = read_training(path)
     made = training.train(lambda line: say(line))
+    say(*summary(made), "")
     write_surrogate(made, training.target)
-    say(*summary(made), "", f"Written to {training.target}")
+    say(f"Written to {training.target}")
     return DONE
 
 
@@ -179,6 +178,7 @@ def check(path: ProjectFile) -> int:
 
     Each comes with its place and the mend, on stderr; nothing is fitted.
     """
+    from kennfeld.optimize.limits.projection import movable
     from kennfeld.project import Project
     from kennfeld.project.toml import is_training, read_toml
 
@@ -188,10 +188,9 @@ def check(path: ProjectFile) -> int:
     findings = _sound(project)
     complain(*findings)
     problem = project.problem()
-    values = sum(problem.parameters[name].size for name in problem.free_names)
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
     say(f"{path}: {_soundness(findings)}")
-    say(f"{values} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    say(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
 
 
@@ -244,7 +243,7 @@ def calibrate(
 ) -> int:
     """Find the values that fit best, and write them.
 
-    Ctrl-C stops at the best values so far and still writes the results.
+    Ctrl-C stops at the best values so far and still writes the results; so do SIGTERM and SIGHUP.
     """
     from kennfeld.project import Project
 
@@ -275,13 +274,16 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
     text = json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    say("", *aligned(found.table()), "", *found.summary())
     path = write_text(f"{text}\n", folder / "cross_validation.json")
-    say("", *aligned(found.table()), "", *found.summary(), f"Written to {path}")
+    say(f"Written to {path}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
-    from kennfeld.project.results import require_room, write
+    from kennfeld.calfiles.json_values import write_json
+    from kennfeld.project.fallback import write_somewhere
+    from kennfeld.project.results import require_room
     from kennfeld.report import safely
     from kennfeld.terminal.choices import choices
     from kennfeld.terminal.findings import left_data, left_open
@@ -302,7 +304,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
             left = _left(project, result)
             text = safely(project, result, findings, left)
             further = {"surrogates": [row.as_json() for row in left]} if left else None
-            written = write(result, project, folder, {"report.html": text}, further, told)
+            written = write_somewhere(result, project, folder, {"report.html": text}, further, told)
     except KeyboardInterrupt:
         complain("Stopped before there was anything to write.")
         return INTERRUPTED
@@ -315,7 +317,10 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     say(*left_open(result.trust), *left_data(left))
     complain(*told)
-    say(f"Written to {folder}: {', '.join(path.name for path in written)}")
+    if written:
+        say(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
+    else:
+        say("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
     if interrupt.pressed:
         return INTERRUPTED
     if any(finding.severity == "error" for finding in told):

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.errors import ArgumentError
+from kennfeld.optimize.calibration import MOST_STARTS
 from kennfeld.optimize.search import multistart, workers
 
 X = np.linspace(0, 10, 120)
@@ -294,3 +296,9 @@ def test_a_table_of_the_starts_can_be_shown():
     head, *rows = sine(starts=3).starts_table()
     assert head[:2] == ("start", "status")
     assert [row[0] for row in rows] == ["1", "2", "3"]
+
+
+def test_more_starts_than_could_end_are_refused():
+    with pytest.raises(ArgumentError, match="starts=1000000000 must be <= 10000"):
+        kf.Options(starts=10**9)
+    assert kf.Options(starts=MOST_STARTS).starts == MOST_STARTS

@@ -93,3 +93,9 @@ def test_a_group_axis_that_no_table_names_is_told(shop):
     )
     shop.add("[parameters.Gain]\nx = { axis = 'AxisSpeed' }\n")
     assert shop.warnings() == []
+
+
+def test_a_delay_that_no_memory_could_hold_is_an_error(shop):
+    shop.text = shop.text.replace("base + offset", "base + offset + delay(Load, 1000000000, 0)")
+    (error,) = shop.errors()
+    assert error.startswith("sensor.kf line 4: a delay of 1000000000 steps needs 48 GB of memory. Delay by fewer")

@@ -61,7 +61,16 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
         (
             "[parameters.Gain]\nbounds = [0, 1]\npin = [{ at = [1000], value = 0.2 }, { at = [3000], value = 0.1 }]\n"
             "gradient = { x = [0, inf] }",
-            "Limits contradict bounds, locks or each other. Not met: ",
+            "pin of Gain at x = 3000 must be 0.1, but that contradicts slope of Gain along x between 2000 and 3000 "
+            "(must be >= 0)",
+        ),
+        (
+            "[parameters.Gain]\nbounds = [0, 1]\npin = [{ at = [1000], value = 2 }]",
+            "pin of Gain at x = 1000 must be 2, but bounds and locks keep it between 0 and 1.",
+        ),
+        (
+            "[parameters.Gain]\nlock = true\ngradient = { x = [0.1, inf] }",
+            "slope of Gain along x between 1000 and 2000 must be >= 0.1, but bounds and locks hold it at 0; slope of",
         ),
     ],
 )

@@ -184,6 +184,7 @@ def test_a_byte_order_mark_and_windows_line_ends_are_accepted(shop):
         ("[parameters.Gain]\nx = {begin = 0, end = 1, count = 999999}", "999999 breakpoints are more than 100000"),
         ("[parameters.Gain]\nx = {breakpoints = [1, 2], count = 2}", "breakpoints stand beside begin, end or count"),
         ("[parameters.Gain]\nx = {axis = 'A', count = 2}", "x: a group axis brings its own breakpoints"),
+        ("[optimizer]\nstarts = 1000000000", "[optimizer] starts: must be <= 10000, got 1000000000"),
         ("[axes.A]\naxis = 'B'", "[axes.A] axis: is no key that a project file knows"),
     ],
 )

@@ -1,4 +1,5 @@
 import csv
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -57,7 +58,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
-        *("starts", "resumed", "trust", "smoothness", "shifts", "warnings"),
+        *("starts", "resumed", "trust", "smoothness", "shifts", "warnings", "files"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
@@ -157,6 +158,14 @@ def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.xlsx is no format.*\.parquet or \.csv"):
         write_simulation(Line().simulate(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_result_lists_the_files_of_its_run_with_their_hashes(result, tmp_path):
+    write(result, Line(), tmp_path, {"report.html": "<p></p>"})
+    files = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["files"]
+    assert sorted(files) == sorted(set(FILES) - {"result.json"})
+    for name, digest in files.items():
+        assert digest == hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
 
 
 def test_documents_are_written_with_the_other_files(result, tmp_path):

@@ -299,7 +299,21 @@ def test_freeing_what_the_function_does_not_use_is_a_warning(shop):
 
 def test_nothing_free_is_a_finding(shop):
     shop.add("[parameters.Gain]\nfree = false\n[parameters.offset]\nfree = false")
-    assert "no parameter that the function uses is free" in shop.error()
+    assert 'no parameter that the function uses is free. Write free = ["*"] in [calibration].' in shop.error()
+
+
+def test_a_map_that_is_looked_up_like_a_curve_is_told_by_its_axes(shop):
+    """Not by what would lie on the axis that the function does not feed, such as the quantiles of a missing channel."""
+    shop.add('[parameters.Gain]\nx = { count = 3 }\ny = { input = "Lod", count = 3 }\ninitial = 0.0')
+    assert shop.errors() == [
+        "sensor.kf line 3: Gain is given 1 coordinate, but it is a map with 2 axes. Correct one of them."
+    ]
+
+
+def test_a_function_that_is_misspelt_is_offered_before_a_table_that_resembles_it_less(shop):
+    shop.text = shop.text.replace("Gain(Speed)", "Sinus(Speed) * sine(Speed)")
+    shop.add("[parameters.Sinus]\nx = { breakpoints = [0, 1] }\ninitial = 0.0")
+    assert "Did you mean sin? Or define it: [parameters.sine]" in shop.error()
 
 
 def test_a_section_of_a_parameter_that_the_function_does_not_use_is_a_warning(shop):

@@ -179,6 +179,12 @@ def test_smoothness_that_outweighs_the_data_is_told_and_no_noise_is_blamed(shop,
         assert "learnt holds" not in words
 
 
+def without_manifest(results):
+    content = json.loads((results / "result.json").read_text(encoding="utf-8"))
+    del content["files"]
+    (results / "result.json").write_text(json.dumps(content), encoding="utf-8")
+
+
 class TestFolder:
     @pytest.fixture
     def project(self, shop):
@@ -206,10 +212,47 @@ class TestFolder:
         ],
     )
     def test_with_a_damaged_file_is_named(self, project, tmp_path, name, content, said):
-        write(project.calibrate(), project, tmp_path / "results")
-        (tmp_path / "results" / name).write_text(content, encoding="utf-8")
+        results = tmp_path / "results"
+        write(project.calibrate(), project, results)
+        if name != "result.json":
+            without_manifest(results)
+        (results / name).write_text(content, encoding="utf-8")
         with pytest.raises(InputError, match=said):
+            from_folder(project, results)
+
+    def test_of_a_version_without_a_manifest_is_read(self, project, tmp_path, opened):
+        write(project.calibrate(), project, tmp_path / "results")
+        without_manifest(tmp_path / "results")
+        assert opened(from_folder(project, tmp_path / "results")).data["result"]["status"] == "converged"
+
+    @pytest.mark.parametrize("names", [["parameters.json"], ["trace.csv"], ["parameters.json", "trust.csv"]])
+    def test_that_mixes_two_runs_is_refused(self, shop, project, tmp_path, names):
+        write(project.calibrate(), project, tmp_path / "results")
+        shop.csv("bench.csv", {"x": [1.0, 2, 3], "m": [5.0, 2, 4]})
+        other = Project.read(project.path)
+        write(other.calibrate(), other, tmp_path / "other")
+        for name in names:
+            shutil.copy(tmp_path / "other" / name, tmp_path / "results" / name)
+        listed = rf"results: {', '.join(names)} do(es)? not belong to result.json: written by another run.*again\."
+        with pytest.raises(InputError, match=listed):
             from_folder(project, tmp_path / "results")
+
+    def test_is_the_run_that_a_killed_process_had_begun_to_put_there(self, project, tmp_path, opened):
+        results = tmp_path / "results"
+        write(project.calibrate(), project, results)
+        scratch = results / ".kennfeld-0"
+        scratch.mkdir()
+        for name in ("trace.csv", "result.json"):
+            (results / name).replace(scratch / name)
+        (scratch / "names").write_text('["parameters.json", "trace.csv", "result.json"]', encoding="utf-8")
+        assert opened(from_folder(project, results)).data["result"]["status"] == "converged"
+        assert not scratch.exists()
+
+    def test_with_a_calibration_file_of_another_run_says_so(self, project, tmp_path, opened):
+        write(project.calibrate(), project, tmp_path / "results")
+        (tmp_path / "results" / "parameters.dcm").write_text("KONSERVIERUNG_FORMAT 2.0\n", encoding="utf-8")
+        words = opened(from_folder(project, tmp_path / "results")).words_in_a_row
+        assert "parameters.dcm does not belong to result.json" in words
 
 
 def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):

@@ -67,7 +67,8 @@ def loss_of(f: Function, r: str, output: Output) -> tuple[str, str]:
             line = f.fmul(delta, f.new(f"fsub double {f.fmul(literal(2.0), size)}, {delta}"))
             return f.select(beyond, line, square), f.select(beyond, f.new(f"fdiv double {delta}, {size}"), literal(1.0))
         case "soft_l1":
-            share = f.fmul(square, literal(output.delta**-2))
+            ratio = f.new(f"fdiv double {r}, {delta}")
+            share = f.fmul(ratio, ratio)
             root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {literal(1.0)}, {share}')})")
             # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
             loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")

@@ -19,6 +19,7 @@ from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
 from kennfeld.optimize.data.coercion import Data, dataset_of
+from kennfeld.optimize.data.delay_memory import delay_findings
 from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
 from kennfeld.optimize.data.overlap import overlap_findings
 from kennfeld.optimize.data.surrogate_step import step_findings
@@ -185,6 +186,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     dataset = dataset_of(data, "data", ready.graph, inputs)
     findings = missing(ready.graph, [dataset], values, channels or {})
     findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
+    findings += delay_findings(ready, 0)
     if findings:
         raise InputError(findings)
     finer = _on_step(ready, [replace(dataset, scored=None, warmup=0.0)], inputs)[0]
@@ -344,7 +346,7 @@ def _check(problem: Problem) -> None:
             if node is not None and node not in names:
                 mend = nearest(node, [*names, *channels])
                 findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
-    findings += [] if findings else check_limits(problem)
+    findings += [] if findings else delay_findings(problem.model, problem.free_size) or check_limits(problem)
     if findings:
         raise InputError(findings)
 

@@ -40,6 +40,7 @@ UNCHANGED = 1e-9  # relative change of the cost by values whose effect is roundi
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 SADDLES = 3  # descents that may begin anew where values cannot move
 CREASED = 3e-3  # relative difference of two ends from which creases matter
+MOST_STARTS = 10_000  # each keeps its values until the end
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,8 @@ class Options:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | np.integer) and value >= least):
                 raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
+        if self.starts > MOST_STARTS:
+            raise ArgumentError(f"starts={self.starts!r} must be <= {MOST_STARTS}")
         for name in ("spread", "tolerance"):
             object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
         object.__setattr__(self, "steps", tuple(self.steps))

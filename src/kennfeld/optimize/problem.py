@@ -65,6 +65,11 @@ class Problem:
         carried = {surrogate.name for surrogate in self.model.surrogates}
         return tuple(n for n in named if n not in carried)
 
+    @property
+    def free_size(self) -> int:
+        """How many values the free parameters have, locked ones included."""
+        return sum(self.parameters[name].size for name in self.free_names)
+
     @cached_property
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
         """The axes whose breakpoints are fitted."""

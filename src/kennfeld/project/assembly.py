@@ -13,6 +13,7 @@ from kennfeld.models import started
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
+from kennfeld.optimize.data.delay_memory import delay_findings
 from kennfeld.optimize.data.model_step import is_timed
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.limits.projection import infeasible
@@ -23,7 +24,7 @@ from kennfeld.project.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.project.constraints import Constraints, build_constraints
 from kennfeld.project.criteria import build_criteria
 from kennfeld.project.free_breakpoints import check_free_axes
-from kennfeld.project.function import Function, is_drawn, read_function, undefined
+from kennfeld.project.function import Function, axes_finding, is_drawn, read_function, undefined
 from kennfeld.project.initial import read_initial
 from kennfeld.project.loading import Loaded, Wanted, load
 from kennfeld.project.locking import untouched
@@ -110,6 +111,7 @@ class _Assembling:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
         self.findings += check_free_axes(self.file, problem)
+        self.findings += delay_findings(problem.model, problem.free_size)
         self._check_samples(problem)
         self._check_limits(problem)
         findings += method_findings(file, problem)
@@ -131,7 +133,9 @@ class _Assembling:
     def _feasible(self, problem: Problem) -> Problem | None:
         """The problem, None where its limits contradict each other."""
         found = infeasible(problem)
-        self.findings += found
+        self.findings += [
+            replace(one, place=self.file.path.name) if one.place == "constraints" else one for one in found
+        ]
         return None if found else problem
 
     def _problem(
@@ -314,8 +318,7 @@ class _Assembling:
             parameter = tables.parameters[name]
             has = parameter.coordinates
             if has != count:
-                what = f"{name} is given {_coordinates(count)}, but it is a {parameter.kind} with {has} axes"
-                self.findings.append(Finding(function.place(name), what, "Correct one of them."))
+                self.findings.append(axes_finding(function, name, parameter.kind, has))
             missing = np.argwhere(~np.isfinite(parameter.values))
             if missing.size:
                 at = ", ".join(str(int(i) + 1) for i in missing[0])
@@ -324,7 +327,11 @@ class _Assembling:
                 mend = "Complete the file, or write initial = ... in its section."
                 self._report(f"[parameters.{name}] initial", what + where, mend)
         if not tables.free and function.graph.parameters:
-            self._report("[calibration] free", "no parameter that the function uses is free", 'Write free = ["*"].')
+            self._report(
+                "[calibration] free",
+                "no parameter that the function uses is free",
+                'Write free = ["*"] in [calibration].',
+            )
 
     def _check_limits(self, problem: Problem) -> None:
         """Limits of outputs that cannot be read."""
@@ -364,7 +371,3 @@ def _emptiest(problem: Problem, bound: Bound) -> str:
         shares[channel] = float(np.mean(~np.isfinite(bound.dataset[channel].values)))
     worst = sorted((c for c in shares if shares[c] > 0), key=lambda c: -shares[c])[:3]
     return ", ".join(f"{name} is missing in {shares[name]:.0%}" for name in worst) or "the data are empty"
-
-
-def _coordinates(count: int) -> str:
-    return f"{count or 'no'} coordinate{'s' * (count != 1)}"

@@ -11,6 +11,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read
+from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.names import Names, Surroundings
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.formula.source import Source
@@ -20,7 +21,15 @@ from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["Function", "coordinates_of", "initial_level", "is_drawn", "read_function", "undefined"]
+__all__ = [
+    "Function",
+    "axes_finding",
+    "coordinates_of",
+    "initial_level",
+    "is_drawn",
+    "read_function",
+    "undefined",
+]
 
 _LATER_KINDS = {
     ".esdl": "an ASCET model",
@@ -189,10 +198,19 @@ def undefined(function: Function, known: Collection[str]) -> list[Finding]:
             what = f"{name} is looked up here, but no file and no section of the project defines it"
             if not count:
                 what = f"{name} is no node and no input, and no file and no section of the project defines it"
-            guess = nearest(name, [*known, *(() if count else (*function.graph.inputs, *function.graph.names))])
+            others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
+            guess = nearest(name, [*known, *others])
             mend = f"{guess} Or define it: {lines[0]} {', '.join(lines[1:])}.".strip()
             found.append(Finding(function.place(name), what, mend, "\n".join(lines)))
     return found
+
+
+def axes_finding(function: Function, name: str, kind: str, axes: int) -> Finding:
+    """Return the error that a function looks a table up with another number of coordinates than it has axes."""
+    count = function.graph.parameters[name]
+    given = f"{count or 'no'} coordinate{'s' * (count != 1)}"
+    what = f"{name} is given {given}, but it is a {kind} with {axes} axes"
+    return Finding(function.place(name), what, "Correct one of them.")
 
 
 def _snippet(name: str, count: int, function: Function) -> list[str]:

@@ -2,8 +2,6 @@
 
 import csv
 import json
-import os
-import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields, replace
@@ -20,11 +18,14 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Result, TraceLine
 from kennfeld.parameters import ParameterSet
+from kennfeld.project.manifest import KEY, digests
+from kennfeld.project.replacement import LOCK, move, scratch_folder
 from kennfeld.project.trust_table import write_trust
 from kennfeld.whole_files import replacing, write_whole
 
 __all__ = ["Simulated", "require_room", "write", "write_simulation", "write_text"]
 
+RESULT = "result.json"
 ELSEWHERE = "Name another folder with -o."
 
 
@@ -59,7 +60,8 @@ def write(
     to `told`, and so does why an image cannot hold the values: that leaves out the image alone. So do the parameters
     that a format has no name for: they are in `parameters.json`.
 
-    Existing files of these names are replaced, all of them or none. Raises `InputError` where that is not possible.
+    Existing files of these names are replaced, all of them or none. `result.json` comes last and lists the SHA-256 of
+    the others, but for those of `documents`, which may be made again. Raises `InputError` where that is not possible.
     """
     target = Path(folder)
     simulation = project.simulate(result.parameters, result.shifts)
@@ -70,13 +72,13 @@ def write(
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
+        names = sorted(path.name for path in scratch.iterdir() if path.name != LOCK)
+        content = result.as_json() | dict(further or {}) | {KEY: digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        _write_json(result.as_json() | dict(further or {}), scratch / "result.json")
-        names = [
-            path.name for path in sorted(scratch.iterdir(), key=lambda path: (path.name == "result.json", path.name))
-        ]
-        _move(names, scratch, target)
+        _write_json(content, scratch / RESULT)
+        names += [*(documents or {}), RESULT]
+        move(names, scratch, target)
     for ending in project.formats:
         if ending in IMAGE_ENDINGS and f"parameters{ending}" not in names:
             (target / f"parameters{ending}").unlink(missing_ok=True)  # an older one would be taken for this one
@@ -145,47 +147,11 @@ def _reported(target: Path) -> Iterator[None]:
 @contextmanager
 def _written_beside(folder: Path) -> Iterator[Path]:
     """A hidden folder within `folder`, which is made if need be; it is gone at the end, whatever happens."""
-    scratch = folder / f".kennfeld-{os.getpid()}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        scratch.mkdir()
-        yield scratch
+        with scratch_folder(folder) as scratch:
+            yield scratch
     except OSError as error:
         raise InputError.of(str(folder), f"cannot be written: {error.strerror or error}", ELSEWHERE) from None
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-
-
-def _move(names: Sequence[str], scratch: Path, folder: Path) -> None:
-    """Put finished files in place; where one cannot be replaced, the others are put back."""
-    before = scratch / "before"
-    before.mkdir()
-    moved: list[str] = []
-    try:
-        for name in names:
-            if (folder / name).exists():
-                _duplicate(folder / name, before / name)
-            moved.append(name)
-            (scratch / name).replace(folder / name)
-    except BaseException:
-        for name in moved:
-            _restore(before / name, folder / name)
-        raise
-
-
-def _duplicate(source: Path, target: Path) -> None:
-    try:
-        os.link(source, target)
-    except OSError:  # not every file system has hard links
-        shutil.copy2(source, target)
-
-
-def _restore(before: Path, path: Path) -> None:
-    with suppress(OSError):
-        if before.exists():
-            before.replace(path)
-        else:
-            path.unlink(missing_ok=True)
 
 
 def _write_json(content: Any, path: Path) -> None:

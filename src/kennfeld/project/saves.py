@@ -80,6 +80,8 @@ class Saves:
     def _put_aside(self) -> None:
         aside = self.folder / ASIDE
         old = [path for path in self.folder.glob("*.json") if _NAME.fullmatch(path.name)]
+        for path in self.folder.glob(".*.json.*"):  # half written by a process that was killed
+            path.unlink(missing_ok=True)
         if old:
             for path in aside.glob("*.json") if aside.is_dir() else ():
                 path.unlink(missing_ok=True)

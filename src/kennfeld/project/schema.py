@@ -12,6 +12,7 @@ from kennfeld.parameters import Extrapolation
 
 __all__ = [
     "DIRECTIONS",
+    "MOST_STARTS",
     "PROTECTED",
     "SIMULINK",
     "AxisEntry",
@@ -39,6 +40,7 @@ __all__ = [
 DIRECTIONS = ("x", "y", "z", "w")
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
+MOST_STARTS = 10_000  # as of `optimize.Options`, which takes long to load
 Factor = float | Literal["auto"]
 Range = Mapping[str, tuple[float, float]]  # by direction, ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]

@@ -85,14 +85,17 @@ class Section:
             return number
         return default
 
-    def whole(self, key: str, default: int, least: int) -> int:
-        """A whole number from `least` on."""
+    def whole(self, key: str, default: int, least: int, most: int = 2**53 - 1) -> int:
+        """A whole number from `least` to `most`."""
         value = self.get(key)
         if value is None:
             return default
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 2**53:
             self.report(key, f"{_shown(value)} must be a whole number from {least} on")
             return default
+        if value > most:
+            self.report(key, f"must be <= {most}, got {value}")
+            return most
         return value
 
     def flag(self, key: str) -> bool | None:

@@ -9,6 +9,7 @@ from kennfeld.errors import Finding, InputError, nearest
 from kennfeld.project.channel_sections import channel_tables
 from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
+    MOST_STARTS,
     PROTECTED,
     SIMULINK,
     CalibrationEntry,
@@ -291,7 +292,7 @@ def _optimizer(root: Section) -> OptimizerEntry:
         continuation="off" if continuation == "off" else "auto",
         method="global" if method == "global" else "gauss-newton",
         max_evaluations=section.whole("max_evaluations", 0, 1),
-        starts=section.whole("starts", 1, 1),
+        starts=section.whole("starts", 1, 1, MOST_STARTS),
         seed=section.whole("seed", 0, 0),
         spread=section.number("spread", 0.5, 0.0, above=True),
         save_every=section.whole("save_every", 0, 0),

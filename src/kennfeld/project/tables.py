@@ -16,7 +16,7 @@ from kennfeld.parameters import Axis, Parameter, ParameterSet, parameter
 from kennfeld.project.axes import Axes
 from kennfeld.project.expansions import settled
 from kennfeld.project.free_breakpoints import made_free
-from kennfeld.project.function import Function, coordinates_of, initial_level
+from kennfeld.project.function import Function, axes_finding, coordinates_of, initial_level
 from kennfeld.project.initial import described, sized
 from kennfeld.project.locking import lacking_axes, within
 from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
@@ -135,6 +135,12 @@ class _Table:
         old = self.old.axes if self.old is not None else ()
         count = max([len(old), *(DIRECTIONS.index(direction) + 1 for direction in given)])
         fed = coordinates_of(self.function.graph, self.entry.name) if self.function else []
+        beyond = [direction for direction in DIRECTIONS[len(fed) : count] if direction in given]
+        if self.function and fed and any(given[direction].quantiles for direction in beyond):
+            # the function has nothing to take these quantiles of
+            kind = {2: "map", 3: "cube"}.get(count, "table")
+            self.findings.append(axes_finding(self.function, self.entry.name, kind, count))
+            return None
         made: list[Axis | None] = []
         for i, direction in enumerate(DIRECTIONS[:count]):
             if direction in given and given[direction].inherits:

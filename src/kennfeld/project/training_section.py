@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import ArgumentError, nearest
+from kennfeld.project.schema import MOST_STARTS
 from kennfeld.project.section import Section, numeric
 from kennfeld.surrogate.training import SurrogateSettings
 
@@ -63,7 +64,7 @@ def _numbers(section: Section) -> dict[str, Any]:
     return {
         "centres": section.whole("centres", default.centres, 1),
         "seed": section.whole("seed", default.seed, 0),
-        "starts": section.whole("starts", default.starts, 1),
+        "starts": section.whole("starts", default.starts, 1, MOST_STARTS),
     }
 
 

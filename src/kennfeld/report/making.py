@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from kennfeld.errors import Finding
 from kennfeld.optimize import Result
 from kennfeld.project import Project
+from kennfeld.project.manifest import KEY, warnings_of_others
 from kennfeld.report.markup import element
 from kennfeld.report.page import page
-from kennfeld.report.stored import stored
+from kennfeld.report.stored import READ, stored
 from kennfeld.report.stored_trust import stored_trust
 from kennfeld.report.subject import subject
 
@@ -53,7 +54,9 @@ def from_folder(project: Project, folder: str | Path) -> str:
     if found is None:
         return document(project, None, findings)
     result, written = found
-    return page(subject(project, result, findings, stored_trust(Path(folder), result.parameters), written))
+    findings += warnings_of_others(Path(folder), written, READ)
+    said = {key: value for key, value in written.items() if key != KEY}
+    return page(subject(project, result, findings, stored_trust(Path(folder), result.parameters), said))
 
 
 def safely(

@@ -12,18 +12,23 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Problem, Quality, Result, Seconds, TraceLine
 from kennfeld.optimize.result import StartResult
 from kennfeld.parameters import ParameterSet
+from kennfeld.project.manifest import KEY, require_one_run
+from kennfeld.project.manifest import RUN_AGAIN as AGAIN
+from kennfeld.project.replacement import finish_interrupted
 
-__all__ = ["stored"]
+__all__ = ["READ", "stored"]
 
-AGAIN = "Run kennfeld calibrate again."
+READ = ("parameters.json", "trace.csv", "trust.csv")  # beside result.json
 _NUMBER = float("nan")
 
 
 def stored(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, Any]] | None:
     """The result in a folder, and the contents of its `result.json`; None where no run has left one.
 
-    Raises `InputError` where a file is missing, damaged or about another function, every such file at once.
+    A run that was killed while it put its files in place is put in place first. Raises `InputError` where a file is
+    missing, damaged, of another run or about another function, every such file at once.
     """
+    finish_interrupted(folder)
     paths = {name: folder / name for name in ("result.json", "parameters.json", "trace.csv")}
     if not any(path.is_file() for path in paths.values()):
         return None
@@ -34,14 +39,26 @@ def stored(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, Any]] |
     ]
     if missing:
         raise InputError(missing)
+    found = _contents(paths["result.json"])
+    require_one_run(folder, found, READ)
     parameters = _parameters(paths["parameters.json"], problem)
     trace = _trace(paths["trace.csv"])
     try:
-        found = json.loads(paths["result.json"].read_text(encoding="utf-8"))
         return _result(found, problem.parameters, parameters, trace), found
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"is no result of a run ({type(error).__name__}: {error})"
-        raise InputError.of(str(paths["result.json"]), what, AGAIN) from None
+        raise _no_result(paths["result.json"], error) from None
+
+
+def _contents(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return {**found, KEY: dict(found.get(KEY, {}))}
+    except (ValueError, TypeError, AttributeError) as error:
+        raise _no_result(path, error) from None
+
+
+def _no_result(path: Path, error: Exception) -> InputError:
+    return InputError.of(str(path), f"is no result of a run ({type(error).__name__}: {error})", AGAIN)
 
 
 def _parameters(path: Path, problem: Problem) -> ParameterSet:

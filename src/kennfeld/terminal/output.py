@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterable
+from errno import EIO, EPIPE
 from typing import TextIO
 
 from kennfeld.errors import Finding, visible
@@ -35,8 +36,8 @@ def complain(*problems: Finding | str) -> None:
 def _print(stream: TextIO, lines: Iterable[str]) -> None:
     """Print lines whatever they hold.
 
-    Control characters of names become escapes, characters that the stream cannot show question marks; a reader that
-    has gone away is no error.
+    Control characters of names become escapes, characters that the stream cannot show question marks; a reader or
+    terminal that has gone is no error.
     """
     encoding = stream.encoding or "utf-8"
     shown = (line if isinstance(line, Painted) else visible(line) for line in lines)
@@ -44,6 +45,8 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
     try:
         stream.write(text)
         stream.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        if error.errno not in (EPIPE, EIO):
+            raise
         # what is still buffered would complain once more at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

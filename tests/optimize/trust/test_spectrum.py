@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kennfeld.optimize.trust import estimate, spectrum
 from kennfeld.optimize.trust.spectrum import Spectrum, root
 
 
@@ -65,3 +66,24 @@ def test_fewer_rows_than_values_leave_directions_open():
 def test_the_root_squares_to_the_matrix():
     rows = rows_with([], 6)
     assert root(rows.T @ rows) @ root(rows.T @ rows) == pytest.approx(rows.T @ rows, rel=1e-6)
+
+
+def test_a_large_matrix_is_inverted_by_its_factor_to_the_same():
+    rng = np.random.default_rng(0)
+    rows = rng.normal(size=(700, 600))
+    matrix = rows.T @ rows
+    scale = np.sqrt(np.diag(matrix))
+    matrix = matrix / scale / scale[:, None]
+    found = spectrum._inverse_by_factor(matrix)
+    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_allclose(found, spectrum._inverse(matrix), atol=1e-12 * np.abs(found).max())
+    with pytest.raises(np.linalg.LinAlgError):
+        spectrum._inverse_by_factor(np.ones((3, 3)))
+
+
+def test_products_with_a_matrix_of_mostly_zeros_are_those_of_the_whole_one(monkeypatch):
+    rng = np.random.default_rng(0)
+    rows, matrix = rng.normal(size=(30, 30)), np.diag(rng.normal(size=30))
+    monkeypatch.setattr(estimate, "LARGE", 10)
+    np.testing.assert_allclose(estimate._quadratic(rows, matrix), np.diag(rows @ matrix @ rows.T))
+    np.testing.assert_allclose(estimate._quadratic(rows, matrix + 1), np.diag(rows @ (matrix + 1) @ rows.T))

@@ -10,7 +10,7 @@ from kennfeld.graph.free_axes import AxisKey, key_of
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.native import Values
 from kennfeld.optimize.free_axes.breakpoints import bounds_of, order_of, slopes_along
-from kennfeld.optimize.limits.constraints import Equality, Shape, Term
+from kennfeld.optimize.limits.constraints import Equality, Pin, Shape, Term
 from kennfeld.optimize.limits.limits import Limits, Rows
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Parameter
@@ -96,7 +96,7 @@ class _Writer:
 
     def pins(self) -> Rows:
         """Pins as equalities."""
-        pins = [(f"pin of {pin.parameter}", Term(pin.parameter, pin.at), pin.value) for pin in self.problem.pins]
+        pins = [(_pin_name(pin), Term(pin.parameter, pin.at), pin.value) for pin in self.problem.pins]
         return Rows.together([self._equality(Equality([term], value), name) for name, term, value in pins])
 
     def constraints(self) -> Iterator[Rows]:
@@ -126,6 +126,11 @@ class _Writer:
             return slopes_along(columns, np.stack([steps, steps + 1], axis=1), (shape.lower, shape.upper), names)
         lower, upper = (np.full(len(columns), side) for side in (shape.lower, shape.upper))
         return Rows(columns, np.repeat(coefficients, points.shape[1], axis=0), lower, upper, names)
+
+
+def _pin_name(pin: Pin) -> str:
+    at = ", ".join(f"{DIRECTIONS[i]} = {x:g}" for i, x in enumerate(pin.at))
+    return f"pin of {pin.parameter} at {at}" if at else f"pin of {pin.parameter}"
 
 
 def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:

@@ -2,20 +2,21 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, silent
 from kennfeld.errors import Finding, InputError
 from kennfeld.native import Factor, Values
+from kennfeld.optimize.limits.contradictions import contradictions
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.quadratic import solve
 
-__all__ = ["FEASIBLE", "infeasible", "missed_limits", "project"]
+__all__ = ["FEASIBLE", "infeasible", "missed_limits", "movable", "project"]
 
 FEASIBLE = 1e-9  # of the limits' scale
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a scale that overflows is met by nothing or by all
+@silent()  # a scale that overflows is checked as any other
 def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     """The values moved into the limits, None where that is impossible; and a remark, empty where nothing was moved.
 
@@ -35,9 +36,9 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     there[movable] = solution.reached(here, narrow)
     missed = limits.violations(there, limits.sizes(there))
     if not np.all(missed <= FEASIBLE):
-        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")[:3]
-        named = "; ".join(limits.rows.names[row] for row in worst if not missed[row] <= FEASIBLE)
-        return None, f"Limits contradict bounds, locks or each other. Not met: {named}."
+        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")
+        told = contradictions(limits, there, worst[~(missed[worst] <= FEASIBLE)])
+        return None, f"Limits contradict bounds, locks or each other: {told}."
     return there, "The start did not keep its limits and was moved to the nearest values that do."
 
 
@@ -60,6 +61,14 @@ def infeasible(problem: Problem) -> list[Finding]:
         return list(error.findings)
     moved, remark = project(values.pack(problem.parameters)[: values.free], limits)
     return [Finding("constraints", remark)] if moved is None else []
+
+
+def movable(problem: Problem) -> int:
+    """Return how many of the free values may change: those that neither a lock nor two equal bounds hold.
+
+    Raises `InputError` where a limit concerns what is not free.
+    """
+    return int(limits_of(problem, _in_order(problem)).movable.sum())
 
 
 def _in_order(problem: Problem) -> Values:

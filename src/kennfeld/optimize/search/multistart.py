@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, silent
 from kennfeld.errors import Finding, InputError
 from kennfeld.graph.free_axes import labelled
 from kennfeld.optimize import calibration
@@ -44,6 +44,18 @@ def run(
     are saved states by the number of their start; those starts go on from there. Raises `InputError` where there is
     nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
     """
+    with silent():
+        return _run(problem, options, progress, seconds or Seconds(), keep, resumed)
+
+
+def _run(
+    problem: Problem,
+    options: Options,
+    progress: Progress | None,
+    seconds: Seconds,
+    keep: Keep | None,
+    resumed: Mapping[int, Saved] | None,
+) -> Result:
     problem = bounded(problem)
     if problem.unknown_shifts or problem.automatic_names:
         from kennfeld.optimize.choice.deciding import decided  # only here: many runs have nothing to decide
@@ -52,7 +64,7 @@ def run(
             problem,
             options,
             progress,
-            (seconds or Seconds()).read,
+            seconds.read,
             lambda ready: run(ready, options, progress, seconds, keep=keep, resumed=resumed),
         )
     if options.starts == 1 and not (options.steps or options.save_every or resumed):
@@ -61,7 +73,7 @@ def run(
     findings = unusable(problem, options.steps)
     if findings:
         raise InputError(findings)
-    return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds or Seconds())
+    return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)
 
 
 def _row(result: Result) -> StartResult:

@@ -9,6 +9,7 @@ import threading
 from contextlib import suppress
 from typing import IO, Any
 
+from kennfeld.arrays import silent
 from kennfeld.errors import InputError
 from kennfeld.optimize.result import TraceLine
 from kennfeld.optimize.search.sequence import Begin, Climber
@@ -27,12 +28,13 @@ def main() -> None:
     outgoing = os.fdopen(os.dup(1), "wb")
     with suppress(OSError):
         os.dup2(2, 1)  # what anybody prints must not get between the pickles
-    try:
-        problem, options = pickle.load(sys.stdin.buffer)
-        climber = Climber(problem, options)
-    except Exception:
-        sys.exit(1)  # the other side does the work itself then
-    _Working(climber, sys.stdin.buffer, outgoing).serve()
+    with silent():
+        try:
+            problem, options = pickle.load(sys.stdin.buffer)
+            climber = Climber(problem, options)
+        except Exception:
+            sys.exit(1)  # the other side does the work itself then
+        _Working(climber, sys.stdin.buffer, outgoing).serve()
 
 
 class _Working:

@@ -38,6 +38,7 @@ from kennfeld.optimize.trust.spectrum import Spectrum, root
 __all__ = ["Estimate", "estimate"]
 
 PART = 1e-4  # relative part in undetermined directions that is not rounding
+LARGE, SPARSE = 1000, 0.05  # rows, and share of a matrix that is not 0, at which products leave out zeros
 
 
 @dataclass(frozen=True)
@@ -167,9 +168,7 @@ class Estimate:
         if error and self.noise is None:
             own = np.diag(inverse) if functions is None else np.einsum("ij,ij->i", rows, functions)
             return self.dispersion * own
-        matrix = self._claimed if error else self._noisy
-        found: Float = np.einsum("ij,ij->i", rows @ matrix, rows)
-        return found
+        return _quadratic(rows, self._claimed if error else self._noisy)
 
     def covariance(self, *, scatter: bool) -> Float:
         """Covariance of all values: of their error, or of their scatter."""
@@ -200,6 +199,18 @@ class Estimate:
         found = np.zeros(self.reduction.size)
         found[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
         return found
+
+
+def _quadratic(rows: Float, matrix: Float) -> Float:
+    """Return r'Mr of each row r. In a large M most is 0, since values far from each other share no sample."""
+    if len(rows) > LARGE and np.count_nonzero(matrix) < SPARSE * matrix.size:
+        from scipy.sparse import csr_array
+
+        products = rows @ csr_array(matrix)
+    else:
+        products = rows @ matrix
+    found: Float = np.einsum("ij,ij->i", products, rows)
+    return found
 
 
 ALONE = Settings(max_iterations=20, tolerance=1e-4)  # of the descent to where the data alone would have the values
@@ -251,7 +262,8 @@ def _reduced(
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = np.diag(data) + np.diag(smoothness) > 0
     part = np.ix_(seen, seen)
-    data, smoothness = data[part], smoothness[part]
+    if not seen.all():
+        data, smoothness = data[part], smoothness[part]
     if measured.rows is None:
         spectrum = Spectrum.of_matrix(data + smoothness)
     else:
@@ -259,7 +271,7 @@ def _reduced(
     each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts]
     used = [float(np.sum(spectrum.inverse * one)) for one in each]
     found = known or variances(groups, used)
-    shares = [g.score * v * g.persistence / g.slope for g, v in zip(groups, found, strict=True)]
+    shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, found, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
     noise = None
     if len(groups) > 1:
@@ -314,7 +326,7 @@ class _Measured:
         return self._rescored(self._groups)
 
     def _rescored(self, groups: Sequence[Group]) -> Accumulator:
-        factors = {group: group.slope / group.weight for group in groups}
+        factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
         return Accumulator(self._compiled.kernel, rescored(self._compiled, factors))
 
     @cached_property

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, silent
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.output_limits import OutputLimits
@@ -58,10 +58,10 @@ class Inspection:
     @cached_property
     def trust(self) -> Trust:
         """The trust."""
-        with blas_threads(self.values.size):
+        with blas_threads(self.values.size), silent():
             try:
                 found = self._trust()
-            except np.linalg.LinAlgError:  # a result is never lost over what is said about it
+            except (np.linalg.LinAlgError, ArithmeticError):  # a result is never lost over what is said about it
                 found = Trust(informed=self.informed)
         del self.compiled, self.scorer, self.outputs
         return found

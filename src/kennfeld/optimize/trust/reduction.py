@@ -85,7 +85,9 @@ class Reduction:
         return full
 
     def matrix(self, matrix: Float) -> Float:
-        """Z'MZ, where Z expands changes of the independent values."""
+        """Z'MZ, where Z expands changes of the independent values; M itself where all of them are."""
+        if self.independent.size == self.size:
+            return matrix
         found: Float = matrix[np.ix_(self.independent, self.independent)]
         if self.dependent.size:
             cross = self.follow.T @ matrix[np.ix_(self.dependent, self.independent)]

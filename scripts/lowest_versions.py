@@ -1,0 +1,34 @@
+"""Print the oldest versions that a pyproject.toml admits, as constraints for pip.
+
+python scripts/lowest_versions.py pyproject.toml
+"""
+
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["lowest"]
+
+_REQUIREMENT = re.compile(r"([\w.-]+)>=([\w.]+)")
+
+
+def lowest(text: str) -> Iterator[str]:
+    r"""Yield a constraint such as `numpy==1.26` for each dependency.
+
+    Raises `ValueError` if one states no lowest version, or more than that.
+
+    >>> list(lowest('[project]\ndependencies = ["numpy>=1.26"]\n'))
+    ['numpy==1.26']
+    """
+    project = tomllib.loads(text)["project"]
+    for requirement in (*project["dependencies"], *project.get("optional-dependencies", {}).get("dev", ())):
+        found = _REQUIREMENT.fullmatch(requirement)
+        if found is None:
+            raise ValueError(f"{requirement!r} must have the form name>=version")
+        yield "==".join(found.groups())
+
+
+if __name__ == "__main__":
+    print(*lowest(Path(sys.argv[1]).read_text(encoding="utf-8")), sep="\n")

@@ -1,0 +1,46 @@
+"""Requests to end from outside, SIGTERM and SIGHUP, which do what Ctrl-C does."""
+
+import os
+import signal
+import sys
+from contextlib import suppress
+from types import FrameType
+
+__all__ = ["HANGUP", "REQUESTS", "end_like_ctrl_c", "leave_terminal"]
+
+HANGUP: int | None = getattr(signal, "SIGHUP", None)  # the terminal has gone; Windows has none
+REQUESTS = tuple(
+    number for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if (number := getattr(signal, name, None)) is not None
+)
+STDOUT, STDERR = 1, 2
+
+
+def end_like_ctrl_c() -> None:
+    """Let requests to end raise `KeyboardInterrupt` in this process; those that it was told to ignore stay ignored."""
+    for number in REQUESTS:
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _interrupt)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if number == HANGUP:
+        leave_terminal()
+    raise KeyboardInterrupt
+
+
+def leave_terminal() -> None:
+    """Point stdout and stderr to nowhere if their terminal has gone: every write to it would be an error."""
+    for stream, number in ((sys.__stdout__, STDOUT), (sys.__stderr__, STDERR)):
+        with suppress(OSError, ValueError):
+            if stream is not None and stream.fileno() == number and _gone(number):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+
+
+def _gone(number: int) -> bool:
+    try:
+        os.write(number, b"")
+    except OSError:
+        return True
+    return False

@@ -1,0 +1,33 @@
+"""Delays that no memory could hold."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.models.formula import formula
+from kennfeld.optimize.data.delay_memory import delay_findings
+
+DATA = {"time": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}
+TEXT = "u = 2 * x\ny = k * x + delay(u, {steps}, 0)"
+REFUSED = r"line 2: a delay of 1000000000 steps needs 24 GB of memory\. Delay by fewer steps"
+
+
+def test_a_calibration_is_refused():
+    with pytest.raises(kf.InputError, match=REFUSED):
+        kf.calibrate(TEXT.format(steps=10**9), kf.Dataset.of("d", DATA), {"k": 1.0}, target="m")
+
+
+def test_a_simulation_is_refused():
+    with pytest.raises(kf.InputError, match="needs 16 GB of memory"):
+        kf.simulate(TEXT.format(steps=10**9), kf.Dataset.of("d", DATA), {"k": 1.0})
+
+
+def test_a_delay_that_is_longer_than_the_data_is_none_of_them():
+    found = kf.simulate(TEXT.format(steps=100_000), kf.Dataset.of("d", DATA), {"k": 1.0})
+    np.testing.assert_array_equal(found["y"].values, DATA["x"])
+
+
+def test_many_values_make_it_sooner_too_long():
+    model = formula(TEXT.format(steps=10**7), parameters=["k"])
+    assert delay_findings(model, 10) == []
+    assert len(delay_findings(model, 100)) == 1

@@ -1,0 +1,117 @@
+"""A result whose folder cannot be written goes to another place."""
+
+import json
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from kennfeld import InputError, calibrate, read_parameters
+from kennfeld.dataset import Dataset
+from kennfeld.project import fallback, replacement
+from kennfeld.project.fallback import write_somewhere
+
+
+class Line:
+    """What results need of a project."""
+
+    formats = (".dcm",)
+    surrogates = ()
+
+    def simulate(self, parameters=None, shifts=None):
+        return [Dataset.of("bench", {"y": [1.0, 2.0]})]
+
+
+@pytest.fixture(scope="module")
+def result():
+    return calibrate("y = a + b * x", {"x": [0.0, 1, 2], "t": [1.0, 3, 5]}, {"a": 0.0, "b": 0.0}, target="t")
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """A folder of its own for temporary files."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def full_below(monkeypatch, *folders):
+    """Let the disk be full as soon as files in these folders are written through."""
+    sync = replacement._sync
+
+    def fails(path):
+        if any(folder in path.parents for folder in folders):
+            raise OSError(28, "No space left on device")
+        sync(path)
+
+    monkeypatch.setattr(replacement, "_sync", fails)
+
+
+def test_a_result_goes_to_its_folder_without_a_word(result, tmp_path, temporary):
+    told = []
+    written = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
+    assert {path.parent for path in written} == {tmp_path / "results"}
+    assert told == []
+    assert not list(temporary.iterdir())
+
+
+def test_where_a_disk_is_full_all_files_go_to_a_temporary_folder(result, tmp_path, temporary, monkeypatch):
+    full_below(monkeypatch, tmp_path / "results")
+    told = []
+    written = write_somewhere(result, Line(), tmp_path / "results", {"report.html": "<p></p>"}, None, told)
+    (other,) = temporary.iterdir()
+    assert {path.parent for path in written} == {other}
+    assert json.loads((other / "result.json").read_text(encoding="utf-8"))["status"] == result.status
+    assert [f"{one.severity} {one}" for one in told] == [
+        f"error {tmp_path / 'results'}: cannot be written: No space left on device. Written to {other} instead."
+    ]
+    assert not list((tmp_path / "results").iterdir())
+
+
+def test_where_that_is_too_small_the_parameters_go_there(result, tmp_path, temporary, monkeypatch):
+    full_below(monkeypatch, tmp_path)
+    told = []
+    (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
+    assert [one.name for one in temporary.iterdir()] == [path.parent.name]
+    assert read_parameters(path)["b"].value == pytest.approx(2.0)
+
+
+def test_where_nothing_can_be_written_that_is_said(result, tmp_path, monkeypatch):
+    (tmp_path / "results").write_text("a file", encoding="utf-8")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "results"))
+    told = []
+    assert write_somewhere(result, Line(), tmp_path / "results", {}, None, told) == ()
+    assert "Nor can a temporary folder." in str(told[0])
+
+
+def test_a_fault_in_a_writer_loses_no_values(result, tmp_path, temporary, monkeypatch):
+    def fails(*_):
+        raise ZeroDivisionError("so")
+
+    monkeypatch.setattr(fallback, "write", fails)
+    told = []
+    (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
+    assert read_parameters(path)["b"].value == pytest.approx(2.0)
+    assert "cannot be written (ZeroDivisionError: so). Written to" in str(told[0])
+
+
+def test_an_interrupt_is_no_failure_to_write(result, tmp_path, temporary, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fallback, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_somewhere(result, Line(), tmp_path / "results", {}, None, [])
+    assert not list(Path(temporary).iterdir())
+
+
+def test_what_cannot_be_simulated_is_kept_too(result, tmp_path, temporary):
+    class Broken(Line):
+        def simulate(self, parameters=None, shifts=None):
+            raise InputError.of("model", "cannot be simulated")
+
+    told = []
+    (path,) = write_somewhere(result, Broken(), tmp_path / "results", {}, None, told)
+    assert path.name == "parameters.json"
+    assert "model: cannot be simulated. Written to" in str(told[0])

@@ -1,0 +1,146 @@
+"""Files that are replaced together, whatever kills the process."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kennfeld.project.replacement import finish_interrupted, move, scratch_folder
+
+NAMES = ["a", "b", "c"]
+posix = pytest.mark.skipif(os.name != "posix", reason="kills a process")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    fill(tmp_path, "old")
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    return tmp_path
+
+
+def fill(folder, text):
+    for name in NAMES:
+        (folder / name).write_text(f"{text} {name}", encoding="utf-8")
+
+
+def replace_all(folder):
+    with scratch_folder(folder) as scratch:
+        fill(scratch, "new")
+        move(NAMES, scratch, folder)
+
+
+def contents(folder):
+    return {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())}
+
+
+def expected(text):
+    return {name: f"{text} {name}" for name in NAMES} | {"notes.txt": "mine"}
+
+
+DYING = """
+import os, signal, sys
+from pathlib import Path
+from kennfeld.project.replacement import move, scratch_folder
+
+folder, left, replace = Path(sys.argv[1]), [None] * int(sys.argv[2]), Path.replace
+
+def dying(self, target):
+    if not left:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left.pop()
+    replace(self, target)
+
+Path.replace = dying
+with scratch_folder(folder) as scratch:
+    for name in "abc":
+        (scratch / name).write_text(f"new {name}")
+    if sys.argv[3:]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    move("abc", scratch, folder)
+"""
+
+
+def die(folder, renames, *before):
+    """Replace files in a process that is killed before the rename after so many, or before all else."""
+    command = [sys.executable, "-c", DYING, str(folder), str(renames), *before]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert len(leftovers(folder)) == 1
+
+
+def leftovers(folder):
+    return [path.name for path in folder.iterdir() if path.name.startswith(".kennfeld")]
+
+
+def test_files_are_replaced_and_nothing_else_is_left(folder):
+    replace_all(folder)
+    assert contents(folder) == expected("new")
+
+
+@posix
+@pytest.mark.parametrize("renames", range(len(NAMES)))
+def test_what_a_killed_process_began_to_replace_is_replaced_by_the_next_one(folder, renames):
+    die(folder, renames)
+    finish_interrupted(folder)
+    assert contents(folder) == expected("new")
+
+
+@posix
+def test_what_a_process_had_written_but_not_completed_is_removed(folder):
+    die(folder, 0, "before")
+    with scratch_folder(folder) as scratch:
+        assert leftovers(folder) == [scratch.name]
+    assert contents(folder) == expected("old")
+
+
+def test_the_scratch_folder_of_a_process_at_work_is_left_alone(folder):
+    with scratch_folder(folder) as scratch:
+        fill(scratch, "new")
+        replace_all(folder)
+        finish_interrupted(folder)
+        assert {path.name for path in scratch.iterdir()} == {*NAMES, "lock"}
+    assert leftovers(folder) == []
+
+
+def test_a_folder_of_an_older_version_is_removed_and_a_users_folder_is_not(folder):
+    (folder / ".kennfeld-4711").mkdir()
+    (folder / ".kennfeld-mine").mkdir()
+    (folder / ".kennfeld").mkdir()
+    finish_interrupted(folder)
+    assert sorted(leftovers(folder)) == [".kennfeld", ".kennfeld-mine"]
+
+
+def test_half_a_list_of_names_is_no_list(folder):
+    scratch = folder / ".kennfeld-0"
+    scratch.mkdir()
+    fill(scratch, "new")
+    (scratch / "names").write_text('["a", "b', encoding="utf-8")
+    finish_interrupted(folder)
+    assert contents(folder) == expected("old")
+
+
+def test_everything_is_on_the_disk_before_the_first_file_is_replaced(folder, monkeypatch):
+    steps, replace = [], Path.replace
+    monkeypatch.setattr(os, "fsync", lambda number: steps.append("sync"))
+    monkeypatch.setattr(Path, "replace", lambda self, target: (steps.append(self.name), replace(self, target))[1])
+    replace_all(folder)
+    assert "sync" not in steps[steps.index("a") : steps.index("c")]
+    assert steps[: steps.index("a")].count("sync") >= len(NAMES) + 1
+    assert steps[-1] in ("sync", "c" if os.name == "nt" else "sync")
+
+
+def test_a_disk_that_is_full_when_files_are_written_through_leaves_the_old_ones(folder, monkeypatch):
+    def full(number):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        replace_all(folder)
+    assert contents(folder) == expected("old")
+
+
+def test_finishing_a_folder_that_does_not_exist_does_nothing(tmp_path):
+    finish_interrupted(tmp_path / "results")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,28 @@
+"""The oldest versions that pyproject.toml admits, as `scripts/lowest` tests them."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def lowest():
+    spec = importlib.util.spec_from_file_location("lowest_versions", ROOT / "scripts" / "lowest_versions.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.lowest
+
+
+def test_every_dependency_of_this_project_states_one(lowest):
+    found = list(lowest((ROOT / "pyproject.toml").read_text(encoding="utf-8")))
+    assert {"numpy", "llvmlite", "pytest"} <= {constraint.partition("==")[0] for constraint in found}
+    assert all(constraint.partition("==")[2] for constraint in found)
+
+
+@pytest.mark.parametrize("requirement", ["numpy", "numpy<3", "numpy>=1.26,<3"])
+def test_a_dependency_that_states_none_or_more_is_refused(lowest, requirement):
+    with pytest.raises(ValueError, match="must have the form name>=version"):
+        list(lowest(f'[project]\ndependencies = ["{requirement}"]\n'))
