@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kennfeld.matlab import syntax as m
@@ -304,5 +304,6 @@ def _compound(inner):
 
 
 @given(st.recursive(leaves, _compound, max_leaves=12))
+@example(m.Call(m.Name("a"), (m.Transpose(m.Text(""), True), m.Text("a"))))
 def test_a_tree_that_is_printed_and_read_is_the_same(tree):
     assert parse_expression(printed(tree)) == tree

@@ -54,7 +54,10 @@ def printed(node: Expression) -> str:
         case Binary():
             return f"{_part(node.left)} {node.operator} {_part(node.right)}"
         case Transpose():
-            return _part(node.operand) + ("'" if node.conjugate else ".'")
+            inside = _part(node.operand)
+            if isinstance(node.operand, Text):  # a quote right after a text would be one within it
+                inside = f"({inside})"
+            return inside + ("'" if node.conjugate else ".'")
         case Range():
             parts = [node.first, node.step, node.last]
             return ":".join(_part(part) for part in parts if part is not None)
