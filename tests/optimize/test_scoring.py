@@ -97,4 +97,4 @@ def test_a_table_says_that_a_constant_target_has_no_r2(value):
     result = scored({"x": np.arange(1000.0), "y": np.full(1000, value)})
     assert [row[6] for row in result.table()][2] == "constant target"
     assert result.as_json()["quality"][1]["r2_after"] is None
-    assert [row[6] for row in scored({"x": [1.0], "y": [np.nan]}).table()][2] == "-"
+    assert len(scored({"x": [1.0], "y": [np.nan]}).table()) == 2
