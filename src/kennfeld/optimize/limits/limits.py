@@ -133,6 +133,11 @@ class Limits:
         """The largest of the `violations`, for values of the size that their tables have."""
         return float(np.max(self.violations(values, self.sizes(values)), initial=0.0))
 
+    def keeps(self, values: Float) -> bool:
+        """Whether all rows hold to the last digit."""
+        product = self.rows.times(values)
+        return bool(np.all((product >= self.rows.lower) & (product <= self.rows.upper)))
+
     def sizes(self, values: Float) -> Float:
         """For each value, the largest magnitude in its table."""
         if not self.tables.size:

@@ -79,7 +79,7 @@ SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals 
 
 def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
     """Whether a trial keeps the rows; rounding is that of the sizes on both ends of the step."""
-    if not limits.rows.count:
+    if limits.keeps(trial):
         return True
     sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
     return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))

@@ -75,11 +75,17 @@ class _Room:
             np.where(np.isfinite(side), np.abs(side), 0.0) + summed + 1e-300 for side in (self.upper, self.lower)
         )
 
+    def taken(self, step: Float) -> Float:
+        """How far a step goes along all bounds and rows."""
+        return np.concatenate([step, self.rows.times(step)])
+
     def passed(self, step: Float) -> Int:
         """The limits that a step passes by more than rounding: +1 upper, -1 lower."""
-        taken = np.concatenate([step, self.rows.times(step)])
-        over, under = self.rounding(step)
-        passed: Int = np.where(taken > self.upper + over, 1, np.where(taken < self.lower - under, -1, 0))
+        taken = self.taken(step)
+        passed: Int = np.where(taken > self.upper, 1, np.where(taken < self.lower, -1, 0))
+        if passed.any():
+            over, under = self.rounding(step)
+            passed[(taken <= self.upper + over) & (taken >= self.lower - under)] = 0
         return passed
 
     def rounding(self, step: Float) -> tuple[Float, Float]:
@@ -98,7 +104,7 @@ class _Dual:
 
     def __init__(self, factor: Factor, free_step: Float, limits: Limits, room: _Room, equal: Int) -> None:
         self.factor, self.free_step, self.limits, self.room, self.equal = factor, free_step, limits, room, equal
-        self.taken = np.concatenate([free_step, limits.rows.times(free_step)])
+        self.taken = room.taken(free_step)
         self.gram = Gram(factor)
         self.columns = np.zeros((0, max(limits.rows.columns.shape[1], 1)), dtype=np.int64)
         self.coefficients = np.zeros(self.columns.shape)
@@ -178,7 +184,7 @@ class _Dual:
 
     def _missed(self, step: Float) -> Float:
         """How far a step passes each limit considered; below 0 where it keeps away from it."""
-        taken = np.concatenate([step, self.limits.rows.times(step)])[self.which]
+        taken = self.room.taken(step)[self.which]
         missed: Float = self.signs * (taken - self._side(self.room.upper, self.room.lower))
         return missed
 
