@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.calibration import Options
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
 

@@ -5,9 +5,10 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize import Criterion, Problem
-from kennfeld.optimize.calibration import Options, run
+from kennfeld.optimize.calibration import run
 from kennfeld.optimize.limits.constraints import Limit
 from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Compiled
 
 GRID = np.linspace(0, 10, 6)

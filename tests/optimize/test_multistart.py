@@ -9,7 +9,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.errors import ArgumentError
-from kennfeld.optimize.calibration import MOST_STARTS
+from kennfeld.optimize.options import MOST_STARTS
 from kennfeld.optimize.search import multistart, workers
 
 X = np.linspace(0, 10, 120)

@@ -1,9 +1,10 @@
 """Calibration: the problem, the solver, and the result."""
 
 from kennfeld.optimize.api import calibrate, simulate
-from kennfeld.optimize.calibration import Options, Progress
+from kennfeld.optimize.calibration import Progress
 from kennfeld.optimize.criterion import Criterion, Region, Target
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape, Term
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine

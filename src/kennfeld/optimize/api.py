@@ -14,7 +14,7 @@ from kennfeld.graph.lowering import rewrite
 from kennfeld.graph.node import Builder
 from kennfeld.models import Model, started
 from kennfeld.models.formula import formula
-from kennfeld.optimize.calibration import Options, Progress
+from kennfeld.optimize.calibration import Progress
 from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
@@ -26,6 +26,7 @@ from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.data.weighting import weight_findings
 from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
 from kennfeld.optimize.limits.sides import check_limits
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.scoring import Nodes

@@ -3,15 +3,13 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.numeric import number
+from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.continuation import LONG, SHORT, Continuation
 from kennfeld.optimize.free_axes.breakpoints import left_behind, told
 from kennfeld.optimize.free_axes.placing import Placing, coarse
@@ -21,11 +19,11 @@ from kennfeld.optimize.limits.multipliers import descend_within
 from kennfeld.optimize.limits.output_limits import OutputLimits
 from kennfeld.optimize.limits.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
-from kennfeld.optimize.search.step import Step
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.trust.inspection import Inspection
 from kennfeld.optimize.worsening import admissible_share, worsened
@@ -33,64 +31,13 @@ from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameters import ParameterSet
 from kennfeld.threads import blas_threads
 
-__all__ = ["Options", "Progress", "Run", "run"]
+__all__ = ["Progress", "Run", "run"]
 
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 SADDLES = 3  # descents that may begin anew where values cannot move
 CREASED = 3e-3  # relative difference of two ends from which creases matter
-MOST_STARTS = 10_000  # each keeps its values until the end
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
-
-    `method` `global` searches without gradients, for few values and a cost that jumps; all values need bounds.
-    `max_evaluations` is its budget, 500 (values + 4) where it is 0, and `seed` that of its random numbers.
-    The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
-    and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
-    through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
-    """
-
-    max_iterations: int = 200
-    tolerance: float = 1e-8
-    continuation: Literal["auto", "off"] = "auto"
-    method: Literal["gauss-newton", "global"] = "gauss-newton"
-    max_evaluations: int = 0
-    starts: int = 1
-    seed: int = 0
-    spread: float = 0.5
-    workers: int | None = None
-    steps: tuple[Step, ...] = ()
-    save_every: int = 0
-
-    def __post_init__(self) -> None:
-        if self.method not in ("gauss-newton", "global"):
-            raise ArgumentError(f"method={self.method!r} must be gauss-newton or global")
-        whole = (
-            ("max_iterations", 0),
-            ("starts", 1),
-            ("seed", 0),
-            ("workers", 1),
-            ("save_every", 0),
-            ("max_evaluations", 0),
-        )
-        for name, least in whole:
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, int | np.integer) and value >= least):
-                raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
-        if self.starts > MOST_STARTS:
-            raise ArgumentError(f"starts={self.starts!r} must be <= {MOST_STARTS}")
-        for name in ("spread", "tolerance"):
-            object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
-        object.__setattr__(self, "steps", tuple(self.steps))
-
-    @property
-    def settings(self) -> Settings:
-        """The settings of one descent."""
-        return Settings(self.max_iterations, self.tolerance)
 
 
 Progress = Callable[[TraceLine], None]

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.calibration import Progress, Run
 from kennfeld.optimize.choice.automatic import Choice, chosen
 from kennfeld.optimize.choice.correlation import independent_samples
 from kennfeld.optimize.choice.lag import with_shifts_found
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, Seconds, StartResult
 from kennfeld.optimize.solver.gauss_newton import Descent, gauss_newton

@@ -11,9 +11,10 @@ from kennfeld.arrays import Float, silent
 from kennfeld.errors import Finding, InputError
 from kennfeld.graph.free_axes import labelled
 from kennfeld.optimize import calibration
-from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.calibration import Progress, Run
 from kennfeld.optimize.limits.limits import Limits
 from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.search.saved import Keep, Saved

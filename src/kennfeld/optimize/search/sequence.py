@@ -9,11 +9,12 @@ from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.graph.free_axes import free_axes, key_of, labelled, with_labelled
 from kennfeld.graph.free_axes import standing as axes_standing
-from kennfeld.optimize.calibration import Options, Progress, Run
+from kennfeld.optimize.calibration import Progress, Run
 from kennfeld.optimize.choice.automatic import Choice
 from kennfeld.optimize.choice.deciding import choice_of, with_choice
 from kennfeld.optimize.limits.limiting import limits_of
 from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Compiled, Problem
 from kennfeld.optimize.result import Seconds, StartResult, TraceLine
 from kennfeld.optimize.search.reduction import penalty_ratio, reduced, refined

@@ -19,7 +19,8 @@ from types import MappingProxyType
 from typing import Any
 
 from kennfeld.errors import InputError
-from kennfeld.optimize.calibration import Options, Progress
+from kennfeld.optimize.calibration import Progress
+from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import StartResult, TraceLine
 from kennfeld.optimize.search.saved import Keep, Saved
