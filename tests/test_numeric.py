@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
-from kennfeld.numeric import array, number
+from kennfeld.numeric import array, number, truths
 
 
 @pytest.mark.parametrize(
@@ -125,3 +125,21 @@ def test_columns_of_arrow_are_read():
     pyarrow = pytest.importorskip("pyarrow")
     np.testing.assert_array_equal(array(pyarrow.array([1, 2]), "Gain"), [1, 2])
     np.testing.assert_array_equal(array(pyarrow.chunked_array([[1.0], [2.0]]), "Gain"), [1, 2])
+
+
+def test_truth_values_may_be_numbers():
+    assert truths([True, 0, 2.0, np.int8(1)], "locked of Gain").tolist() == [True, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["no", "yes"], "locked of Gain must be numbers, got 'no' at position 1"),
+        ([1, np.nan], "locked of Gain must be true or false, but a value is missing"),
+        (np.ma.array([True, True], mask=[0, 1]), "locked of Gain must be true or false, but a value is missing"),
+    ],
+)
+def test_what_is_neither_true_nor_false_is_told(given, message):
+    with pytest.raises(ArgumentError) as error:
+        truths(given, "locked of Gain")
+    assert str(error.value) == message

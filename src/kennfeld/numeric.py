@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 
-__all__ = ["array", "number"]
+__all__ = ["array", "number", "truths"]
 
 _NUMERIC = "biuf"  # kinds of numpy: bool, whole numbers, floating point
 _OTHER = {"M": "dates", "m": "time differences", "c": "complex numbers"}
@@ -76,6 +76,25 @@ def array(given: Any, what: str) -> Float:
     objects = np.array(given, dtype=object)
     objects[masked] = None
     return _of_objects(objects, what)
+
+
+def truths(given: Any, what: str) -> Bool:
+    """Return truth values, or numbers in their place, as an array of bool.
+
+    Args:
+        given: a list, an array, or a column of a table; 0 is false, any other number true.
+        what: what the values are, for the message.
+
+    Raises:
+        ArgumentError: an element is a text, for example, or missing.
+
+    >>> truths([1, False], "locked of Gain")
+    array([ True, False])
+    """
+    values = array(given, what)
+    if np.isnan(values).any():
+        raise ArgumentError(f"{what} must be true or false, but a value is missing")
+    return np.asarray(values != 0)
 
 
 def _of_objects(values: Any, what: str) -> Float:
