@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
-from kennfeld.numeric import array, number
+from kennfeld.numeric import array, number, truths
 
 
 @pytest.mark.parametrize(
-    "given", [2, 2.0, np.int8(2), np.float32(2), np.uint64(2), np.array(2), np.array(2.0, ">f8"), Fraction(2)]
+    "given",
+    [2, 2.0, np.int8(2), np.float32(2), np.uint64(2), np.array(2), np.array(2.0, ">f8"), Fraction(2), Decimal(2)],
 )
 def test_a_number_of_any_type_becomes_a_float(given):
     found = number(given, "weight", "dataset bench", least=0)
@@ -25,7 +26,8 @@ def test_a_truth_value_counts_as_a_number():
     ("given", "shown"),
     [
         ("2", "'2'"),
-        (Decimal(2), r"Decimal\('2'\)"),
+        (Decimal("sNaN"), r"Decimal\('sNaN'\)"),
+        (10**400, "1000"),
         (None, "None"),
         (1j, "1j"),
         ([2.0], r"\[2.0\]"),
@@ -59,7 +61,7 @@ def test_a_limit_itself_may_be_left_out():
         ([1, 2], [1, 2]),
         ([True, False], [1, 0]),
         ([1, None], [1, np.nan]),
-        ([Fraction(1, 2), np.float32(1)], [0.5, 1]),
+        ([Fraction(1, 2), np.float32(1), Decimal("0.25")], [0.5, 1, 0.25]),
         (np.array([1, 2], dtype=">i2"), [1, 2]),
         (np.array([1, None, True], dtype=object), [1, np.nan, 1]),
         ([], []),
@@ -84,7 +86,6 @@ def test_doubles_are_not_copied():
         (["1", "2"], "Gain must be numbers, got '1' at position 1"),
         ([1, "high"], "Gain must be numbers, got 'high' at position 2"),
         ([[1, 2], [3, "a"]], "Gain must be numbers, got 'a' at position 2, 2"),
-        ([1, Decimal(2)], "Gain must be numbers, got Decimal('2') at position 2"),
         ([1j], "Gain must be numbers, got complex numbers"),
         (np.array(["2026-01-01"], dtype="M8[s]"), "Gain must be numbers, got dates"),
         (np.array([1], dtype="m8[s]"), "Gain must be numbers, got time differences"),
@@ -108,3 +109,37 @@ def test_columns_of_tables_with_types_of_their_own_are_read():
         array(pandas.Series([1, "high"], dtype="category"), "Gain")
     with pytest.raises(ArgumentError, match="Gain must be numbers, got 'low' at position 1"):
         array(pandas.Series(["low", "high"]), "Gain")
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.int16, object])
+def test_what_a_masked_array_masks_is_missing(kind):
+    given = np.ma.array([[1, 999], [3, 4]], mask=[[0, 1], [0, 0]], dtype=kind)
+    np.testing.assert_array_equal(array(given, "Gain"), [[1, np.nan], [3, 4]])
+
+
+def test_a_masked_array_without_a_mask_is_all_there():
+    np.testing.assert_array_equal(array(np.ma.array([1, 2]), "Gain"), [1, 2])
+
+
+def test_columns_of_arrow_are_read():
+    pyarrow = pytest.importorskip("pyarrow")
+    np.testing.assert_array_equal(array(pyarrow.array([1, 2]), "Gain"), [1, 2])
+    np.testing.assert_array_equal(array(pyarrow.chunked_array([[1.0], [2.0]]), "Gain"), [1, 2])
+
+
+def test_truth_values_may_be_numbers():
+    assert truths([True, 0, 2.0, np.int8(1)], "locked of Gain").tolist() == [True, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["no", "yes"], "locked of Gain must be numbers, got 'no' at position 1"),
+        ([1, np.nan], "locked of Gain must be true or false, but a value is missing"),
+        (np.ma.array([True, True], mask=[0, 1]), "locked of Gain must be true or false, but a value is missing"),
+    ],
+)
+def test_what_is_neither_true_nor_false_is_told(given, message):
+    with pytest.raises(ArgumentError) as error:
+        truths(given, "locked of Gain")
+    assert str(error.value) == message

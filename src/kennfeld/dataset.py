@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.numeric import array, number
+from kennfeld.numeric import array, number, truths
 
 __all__ = ["PAUSE", "Channel", "Clock", "Dataset", "Settling", "Use", "concatenate"]
 
@@ -135,7 +135,7 @@ class Dataset(Mapping[str, Channel]):
         if self.time is not None:
             self._check_time(readonly(array(self.time, f"time of dataset {self.name}")))
         if self.scored is not None:
-            scored = np.array(self.scored, dtype=bool)
+            scored = truths(self.scored, f"scored of dataset {self.name}")
             if scored.shape != (self.samples,):
                 raise ArgumentError(f"scored of dataset {self.name} must have one entry a sample, {self.samples}")
             object.__setattr__(self, "scored", scored)

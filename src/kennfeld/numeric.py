@@ -5,14 +5,15 @@ code reads doubles alone.
 """
 
 import numbers
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 
-__all__ = ["array", "number"]
+__all__ = ["array", "number", "truths"]
 
 _NUMERIC = "biuf"  # kinds of numpy: bool, whole numbers, floating point
 _OTHER = {"M": "dates", "m": "time differences", "c": "complex numbers"}
@@ -46,7 +47,9 @@ def number(
 
 
 def array(given: Any, what: str) -> Float:
-    """Return numbers of any numeric type as a float64 array; what is missing (None, pandas' NA) is NaN.
+    """Return numbers of any numeric type as a float64 array.
+
+    What is missing is NaN: None, pandas' NA, and what a masked array masks.
 
     Args:
         given: a list, an array, or a column of a table.
@@ -58,17 +61,40 @@ def array(given: Any, what: str) -> Float:
     >>> array([1, None, True], "values of Gain")
     array([ 1., nan,  1.])
     """
-    if hasattr(given, "to_numpy") and not isinstance(given.dtype, np.dtype):
+    if hasattr(given, "to_numpy") and hasattr(given, "dtype") and not isinstance(given.dtype, np.dtype):
         given = given.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
+    masked = np.ma.getmask(given)
     try:
         values = np.asarray(given)
     except ValueError:
         raise ArgumentError(f"{what} must be numbers in rows of equal length") from None
     if values.dtype.kind in _NUMERIC:
-        return np.asarray(values, dtype=np.float64)
+        plain = np.asarray(values, dtype=np.float64)
+        return plain if masked is np.ma.nomask else np.where(masked, np.nan, plain)
     if values.dtype.kind in _OTHER:
         raise ArgumentError(f"{what} must be numbers, got {_OTHER[values.dtype.kind]}")
-    return _of_objects(np.asarray(given, dtype=object), what)
+    objects = np.array(given, dtype=object)
+    objects[masked] = None
+    return _of_objects(objects, what)
+
+
+def truths(given: Any, what: str) -> Bool:
+    """Return truth values, or numbers in their place, as an array of bool.
+
+    Args:
+        given: a list, an array, or a column of a table; 0 is false, any other number true.
+        what: what the values are, for the message.
+
+    Raises:
+        ArgumentError: an element is a text, for example, or missing.
+
+    >>> truths([1, False], "locked of Gain")
+    array([ True, False])
+    """
+    values = array(given, what)
+    if np.isnan(values).any():
+        raise ArgumentError(f"{what} must be true or false, but a value is missing")
+    return np.asarray(values != 0)
 
 
 def _of_objects(values: Any, what: str) -> Float:
@@ -84,8 +110,11 @@ def _of_objects(values: Any, what: str) -> Float:
 
 
 def _float(given: object) -> float | None:
-    if isinstance(given, numbers.Real | np.bool_):
-        return float(given)
+    if isinstance(given, numbers.Real | Decimal | np.bool_):
+        try:
+            return float(given)
+        except (OverflowError, ValueError):  # whole numbers and fractions beyond float64; Decimal's signalling NaN
+            return None
     if isinstance(given, np.ndarray) and given.ndim == 0 and given.dtype.kind in _NUMERIC:
         return float(given)
     return None

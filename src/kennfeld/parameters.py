@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import ArrayLike, Bool, Float, readonly
 from kennfeld.errors import ArgumentError, nearest
-from kennfeld.numeric import array
+from kennfeld.numeric import array, truths
 
 __all__ = [
     "Axis",
@@ -180,7 +180,7 @@ class Parameter:
         for side in ("lower", "upper"):
             bounds = array(getattr(self, side), f"{side} bounds of {self.name}")
             object.__setattr__(self, side, self._spread(side, bounds))
-        object.__setattr__(self, "locked", self._spread("locked", np.asarray(self.locked, dtype=np.bool_)))
+        object.__setattr__(self, "locked", self._spread("locked", truths(self.locked, f"locked of {self.name}")))
         crossed = ~(self.lower <= self.upper)
         if crossed.any():
             at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))

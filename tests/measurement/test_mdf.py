@@ -382,3 +382,25 @@ def test_real_rasters_equal_what_the_library_interpolates(real):
             assert not np.isnan(data[name].values).any()
             # a point within 1 ns of a stamp is that sample here, and the one before it there
             assert np.isclose(data[name].values, expected.samples, atol=1e-5).mean() > 0.99
+
+
+@pytest.mark.parametrize(("unit", "step"), [("ms", 0.1), ("us", 1e-4), ("min", 6000.0), ("s", 100.0), ("", 100.0)])
+def test_time_is_read_in_the_unit_that_the_file_states(tmp_path, unit, step):
+    path = _with_unit_of_time(tmp_path / "drive.mf4", unit)
+    data = read(path)
+    np.testing.assert_allclose(data.time, step * np.arange(20))
+    assert data.clock.in_milliseconds is (not unit)
+    assert read(path, raster=2 * step).samples == 10
+
+
+def _with_unit_of_time(path, unit):
+    """A file with a sample every 100 units."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from asammdf import MDF
+
+        with MDF(version="4.10") as file:
+            file.append([signal("u", 100 * np.arange(20.0), np.arange(20.0))])
+            file.groups[0].channels[0].unit = unit
+            file.save(path, overwrite=True)
+    return path

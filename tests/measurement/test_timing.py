@@ -133,6 +133,7 @@ def test_a_unit_for_a_column_that_is_not_there_is_told(csv):
         ("Time", (0, 10, 20), True),
         ("Time [-]", (0, 10, 20), True),
         ("Time", (0, 1000, 1500), True),
+        ("Time", (0, 100.00000000000001, 300.00000000000006), True),
         ("Time", (0, 5, 10), False),
         ("Time", (0, 10.5, 20), False),
         ("Time", (0, 0.01, 0.02), False),

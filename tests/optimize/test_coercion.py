@@ -131,3 +131,26 @@ def test_time_without_a_unit_is_in_seconds_where_the_length_of_a_second_does_not
 def test_a_unit_in_the_name_needs_no_warning(name):
     data = {name: 100 * np.arange(40), "u": STEP, "z": RESPONSE}
     assert kf.calibrate(SLOW, data, {"T": 0.2}, "z").parameters["T"].value == pytest.approx(0.7, rel=1e-6)
+
+
+def test_dates_that_are_asked_for_are_told_to_be_no_numbers():
+    with pytest.raises(kf.InputError, match="channel z must be numbers, got dates"):
+        kf.calibrate("y = k * u", {"u": [1, 2], "z": np.array([1, 2], dtype="M8[s]")}, {"k": 1}, "z")
+
+
+def test_a_function_may_read_dates_as_the_time_in_seconds():
+    found = kf.simulate("y = 2 * time", {"time": np.array([5, 6, 8], dtype="M8[s]")}, {})
+    assert found["y"].values.tolist() == [0, 2, 6]
+
+
+@pytest.mark.parametrize("given", ["bench.csv", np.ones((3, 2)), None])
+def test_what_is_no_columns_by_name_is_refused(given):
+    with pytest.raises(kf.KennfeldError, match=f"a dict or a DataFrame, got {type(given).__name__}"):
+        kf.calibrate("y = k * u", given, {"k": 1}, "z")
+
+
+def test_masked_samples_do_not_count():
+    z = np.ma.array([3, 6, 999, 12], mask=[0, 0, 1, 0])
+    result = kf.calibrate("y = k * u", {"u": [1, 2, 3, 4], "z": z}, {"k": 1}, "z")
+    assert result.parameters["k"].value == pytest.approx(3)
+    assert result.quality[0].samples == 3

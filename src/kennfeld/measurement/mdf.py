@@ -22,7 +22,7 @@ from kennfeld.measurement.columns import Column, Selection, Table
 from kennfeld.measurement.description import TableDescription, described
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.sniff import Source
-from kennfeld.measurement.units import plain_unit
+from kennfeld.measurement.units import in_seconds, plain_unit
 
 __all__ = ["describe_tables", "read_tables"]
 
@@ -350,14 +350,16 @@ def _signals(file: Any, own: Sequence[_Entry]) -> dict[_Entry, Any]:
 
 
 def _clock(file: Any, group: int, stamps: Float) -> Column | None:
-    """The time of a group; None where it counts angle, distance or samples."""
+    """The time of a group, in the unit that the file states; None where it counts angle, distance or samples."""
     index = file.masters_db.get(group)
     if index is None:
         return None
     master = file.groups[group].channels[index]
     if file.version >= "4" and getattr(master, "sync_type", 1) not in (0, 1):
         return None
-    return Column(_TIME, "s", _TIME, stamps)
+    conversion = getattr(master, "conversion", None)
+    unit = plain_unit(str(master.unit or getattr(conversion, "unit", "") or ""))
+    return Column(_TIME, unit if not unit or in_seconds(unit) else "s", _TIME, stamps)
 
 
 def _columns(entry: _Entry, channel: Any, signal: Any) -> Iterator[Column]:

@@ -80,7 +80,12 @@ def clock_of(column: Column) -> Clock:
     known = column.values[np.isfinite(column.values)]
     steps = np.diff(known)
     far = steps.size > 0 and float(np.median(steps)) > LONG
-    return Clock(column.name, far and bool(np.all(known == np.round(known))))
+    return Clock(column.name, far and _are_whole(known))
+
+
+def _are_whole(values: Float) -> bool:
+    """Whether all are whole numbers, but for the rounding of what was once 0.3 s and became 300.00000000000006 ms."""
+    return bool(np.all(np.abs(values - np.round(values)) <= 1e-12 * np.abs(values)))
 
 
 def unit_remedy(name: str) -> str:

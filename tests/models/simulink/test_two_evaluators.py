@@ -8,6 +8,8 @@ import itertools
 
 import numpy as np
 import pytest
+from simulink_code import outputs
+from simulink_runs import alone, imported, run
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
@@ -257,3 +259,26 @@ def test_options_of_sums_are_not_taken_for_a_dimension():
     assert evaluate("max([1 NaN 3], [], 'omitnan')").tolist() == [[3.0]]
     with pytest.raises(MatlabError, match="reverse is not supported"):
         evaluate("cumsum([1 2 3], 'reverse')")
+
+
+# what the generated code leaves of MULTIPLES / STEPS: nothing of a multiple, even if the quotient was rounded down
+MULTIPLES = [0.3, -0.3, 0.6, 2.1, -9.1, 0.35, 0.0, 5.0, -0.5, 7.0]
+STEPS = [0.1, 0.1, -0.2, 0.7, -1.3, 0.1, 0.1, 0.0, 3.0, 0.0]
+LEFT = {
+    "mod": [0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 5.0, 2.5, 7.0],
+    "rem": [0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, np.nan, -0.5, np.nan],
+}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_multiples_of_broken_numbers_leave_no_remainder(name, tmp_path):
+    found = outputs(f"function y = f(u, v)\ny = {name}(u, v);\nend\n", tmp_path, MULTIPLES, STEPS)
+    np.testing.assert_allclose(found, LEFT[name], rtol=1e-12, atol=0)
+    numbers = [evaluate(f"{name}({a}, {b})").item() for a, b in zip(MULTIPLES, STEPS, strict=True)]
+    np.testing.assert_allclose(numbers, LEFT[name], rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_the_block_leaves_no_remainder_of_multiples(name, tmp_path):
+    found = run(imported(alone("Math", inputs=2, Operator=name), tmp_path), {"u1": MULTIPLES[:7], "u2": STEPS[:7]})
+    np.testing.assert_allclose(found["y1"], LEFT[name][:7], rtol=1e-12, atol=0)

@@ -195,13 +195,25 @@ def _mod(given: Arguments) -> Value:
 
 def _modulus(one: Float, other: Float) -> Float:
     made = np.where(other == 0, one, one - np.floor(one / other) * other)
+    made = np.where(_is_multiple(one, other), 0.0, made)
     beyond = np.where(np.sign(one) * np.sign(other) < 0, other, one)
     return np.where(np.isinf(other) & np.isfinite(one), beyond, made)
 
 
 @function("rem", 2)
 def _rem(given: Arguments) -> Value:
-    return paired(given, lambda one, other: np.where(other == 0, np.nan, np.fmod(one, other)))
+    return paired(given, _remainder)
+
+
+def _remainder(one: Float, other: Float) -> Float:
+    return np.where(_is_multiple(one, other), 0.0, np.where(other == 0, np.nan, np.fmod(one, other)))
+
+
+def _is_multiple(one: Float, other: Float) -> Bool:
+    """Whether numbers are multiples of others that are not whole, but for rounding; MATLAB leaves no remainder then."""
+    ratio = np.abs(one / other)
+    is_near = np.abs(ratio - np.floor(ratio + 0.5)) <= np.finfo(np.float64).eps * ratio
+    return np.asarray(is_near & (other != np.floor(other)))
 
 
 @function("atan2", 2)

@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.graph import Graph
 from kennfeld.measurement.columns import Column, Table
 from kennfeld.measurement.timing import clock_of, find_time, seconds
@@ -45,10 +45,19 @@ def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> 
         wanted = given.time is None and given.settling is None and is_timed(graph)
         columns = [_column(c.name, c.values, c.unit) for c in given.channels] if wanted else []
         return _with_time(given, columns, graph, asked)
+    _check_columns(given)
     stamps = {str(key): found for key in given if (found := _stamps(given[key], str(key))) is not None}
-    dataset = Dataset.of(name, {key: given[key] for key in given if str(key) not in stamps})
+    plain = {key: given[key] for key in given if str(key) not in stamps or str(key) in asked}
+    dataset = Dataset.of(name, {key: _in_seconds(stamps, str(key), column) for key, column in plain.items()})
     columns = [stamps[c] if c in stamps else _column(c, dataset[c].values) for c in map(str, given)]
     return _with_time(dataset, [*columns, *_index(given)], graph, asked)
+
+
+def _check_columns(given: object) -> None:
+    """Raise `ArgumentError` for what does not hold columns by name, such as the name of a file."""
+    if not (isinstance(given, Mapping) or (hasattr(given, "columns") and hasattr(given, "keys"))):
+        what = f"data must be a dataset or columns by name, a dict or a DataFrame, got {type(given).__name__}"
+        raise ArgumentError(f"{what}. kennfeld.read reads a file.")
 
 
 def _with_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Collection[str]) -> Dataset:
@@ -82,6 +91,11 @@ def _stamps(given: Any, name: str) -> Column | None:
     known = stamps[~np.isnat(stamps)]
     values = (stamps - (known[0] if known.size and kind == "M" else np.zeros((), unit))) / np.timedelta64(1, "s")
     return Column(name, "s", name, values, dated=kind == "M")
+
+
+def _in_seconds(stamps: Mapping[str, Column], name: str, given: Any) -> Any:
+    """The seconds of a column of dates that is called like time; other columns stay as they are."""
+    return stamps[name].values if name in stamps and time_unit(name, "") is not None else given
 
 
 def _index(given: Any) -> list[Column]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.models.simulink.blocktypes.matrices import as_matrix, inverse_of
 from kennfeld.models.simulink.expressions.arrays import fold, matrix_product, towards_zero
-from kennfeld.models.simulink.expressions.elementary import INVERSE_HYPERBOLIC
+from kennfeld.models.simulink.expressions.elementary import INVERSE_HYPERBOLIC, without_rest
 from kennfeld.models.simulink.expressions.no_value import NoValueError
 from kennfeld.models.simulink.expressions.signals import Nodes, Signal, Wired, fastest, scalar
 from kennfeld.models.simulink.weaving.registry import UnsupportedError, block
@@ -180,7 +180,8 @@ def math(site: Site) -> Wired:
             v = site.input(1)
             return site.call("sqrt", site.call("add", site.call("mul", u, u), site.call("mul", v, v)))
         case "mod":
-            return site.call("mod", u, site.input(1))
+            v = site.input(1)
+            return _rounded_rest(site, site.call("mod", u, v), u, v)
         case "rem":
             return _remainder(site, u, site.input(1))
         case "transpose" | "hermitian":
@@ -194,8 +195,14 @@ def _remainder(site: Site, u: Signal, v: Signal) -> Signal:
     """What is left of u after whole steps of v towards 0; u itself where v is 0."""
     ratio = site.call("div", u, v)
     whole = Signal(towards_zero(site.loom, ratio.nodes), ratio.period)
-    rest = site.call("sub", u, site.call("mul", whole, v))
+    rest = _rounded_rest(site, site.call("sub", u, site.call("mul", whole, v)), u, v)
     return site.select(site.call("eq", v, site.constant(0.0)), u, rest)
+
+
+def _rounded_rest(site: Site, rest: Signal, u: Signal, v: Signal) -> Signal:
+    """A remainder that is 0 where u is a multiple of v but for rounding."""
+    spread = site.spread(rest, u, v)
+    return Signal(without_rest(site.loom, *(signal.nodes for signal in spread)), rest.period)
 
 
 @block("Sqrt", Operator="sqrt", SampleTime="-1")

@@ -10,7 +10,7 @@ from kennfeld.models.formula.functions import Loom
 from kennfeld.models.simulink.expressions.arrays import each, fold, towards_zero
 from kennfeld.models.simulink.expressions.signals import Nodes
 
-__all__ = ["BINARY", "INVERSE_HYPERBOLIC", "KNOWN", "ONE", "PLAIN", "TWO", "Rule", "applied"]
+__all__ = ["BINARY", "INVERSE_HYPERBOLIC", "KNOWN", "ONE", "PLAIN", "TWO", "Rule", "applied", "without_rest"]
 
 Rule: TypeAlias = Callable[..., Nodes]
 
@@ -40,16 +40,48 @@ def applied(loom: Loom, name: str, args: list[Nodes]) -> Nodes | None:
     return args[0] if name in _CASTS and len(args) == 1 else None  # physical values are kept
 
 
+def without_rest(loom: Loom, rest: Nodes, a: Nodes, b: Nodes) -> Nodes:
+    """Return a remainder of a / b, which is 0 where b is no whole number, but a is one times b but for rounding.
+
+    So do MATLAB and the generated code: `mod(0.3, 0.1)` is 0, though 0.1 is contained in 0.3 just twice.
+    """
+    if all(_is_whole(loom.value(int(node))) for node in b.ravel()):
+        return rest
+    ratio = each(loom, "abs", each(loom, "div", a, b))
+    nearest = each(loom, "floor", each(loom, "add", ratio, _constant(loom, 0.5)))
+    off = each(loom, "abs", each(loom, "sub", ratio, nearest))
+    is_near = each(loom, "le", off, each(loom, "mul", _constant(loom, math.ulp(1.0)), ratio))
+    is_broken = each(loom, "ne", b, each(loom, "floor", b))
+    return each(loom, "select", each(loom, "and", is_near, is_broken), _constant(loom, 0.0), rest)
+
+
+def _is_whole(value: float | None) -> bool:
+    return value is not None and (not math.isfinite(value) or value == math.floor(value))
+
+
 def _remainder(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
     """What is left of a after whole steps of b towards 0; not a number where b is 0."""
+    return _with_infinite(loom, without_rest(loom, _plain_remainder(loom, a, b), a, b), a, b)
+
+
+def _remainder_in_c(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
+    """The same as C's `fmod`, which takes numbers as they are."""
+    return _with_infinite(loom, _plain_remainder(loom, a, b), a, b)
+
+
+def _plain_remainder(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
     whole = towards_zero(loom, each(loom, "div", a, b))
-    made = each(loom, "sub", a, each(loom, "mul", whole, b))
+    return each(loom, "sub", a, each(loom, "mul", whole, b))
+
+
+def _with_infinite(loom: Loom, made: Nodes, a: Nodes, b: Nodes) -> Nodes:
+    """A remainder that is a where b is infinite."""
     return made if _is_finite(loom, b) else each(loom, "select", _within_infinity(loom, a, b), a, made)
 
 
 def _modulus(loom: Loom, a: Nodes, b: Nodes) -> Nodes:
     """What is left of a after whole steps of b downwards; a where b is 0, or infinite and of the sign of a."""
-    made = each(loom, "mod", a, b)
+    made = without_rest(loom, each(loom, "mod", a, b), a, b)
     if _is_finite(loom, b):
         return made
     zero = _constant(loom, 0.0)
@@ -125,7 +157,7 @@ _ONE_ELSEWHERE: Final[Mapping[str, Rule]] = {
 }
 _TWO_ELSEWHERE: Final[Mapping[str, Rule]] = {
     "pow": _operation("pow"),
-    "fmod": _remainder,
+    "fmod": _remainder_in_c,
     "min": _operation("min"),
     "max": _operation("max"),
 }
