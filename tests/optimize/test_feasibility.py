@@ -61,6 +61,29 @@ def test_the_factors_of_a_product_keep_limits_of_very_different_sizes(seed):
     assert B[0] == pytest.approx(1.0, rel=HOLDS)
 
 
+@pytest.mark.parametrize(
+    "data", [{"offset": 2.0, "slope": 0.0}, {"offset": 2.0, "slope": 1.0}, {"offset": -99.0, "slope": 1.0}]
+)
+@pytest.mark.parametrize("unit", [1.0, 1e-7, 1e7])
+def test_a_curve_that_limits_force_to_zero_does_not_hold_the_others_at_their_start(unit, data):
+    random = np.random.default_rng(1)
+    x, u = np.array([0.0, 1.0, 2.0, 3.0] * 3), random.uniform(0, 3, 12)
+    z = data["offset"] - x + data["slope"] * u
+    forced = kf.Curve("A", range(4), [0] * 4, locked=[True, False, False, False])
+    result = kf.calibrate(
+        f"m = {1 / unit!r}*A(x) + {unit!r}*B(u)",
+        {"x": x, "u": u, "z": z},
+        kf.ParameterSet([forced, kf.Curve("B", range(4), [0] * 4)]),
+        "z",
+        constraints=[Shape("A", 0, "slope", 0.0)],
+    )
+    alone = kf.calibrate("m = B(u)", {"u": u, "z": z}, kf.ParameterSet([kf.Curve("B", range(4), [0] * 4)]), "z")
+    A = result.parameters["A"].values
+    assert result.status == "converged"
+    assert np.diff(A).min() >= -HOLDS * np.abs(A).max()
+    assert result.cost_after <= alone.cost_after * (1 + 1e-6)
+
+
 def test_a_pin_of_an_extreme_size_is_an_answer_and_no_warning():
     start = kf.ParameterSet([kf.Curve("C", range(3), [0.0] * 3)])
     result = kf.calibrate("m = C(x)", {"x": [0.0, 1.0], "z": [1.0, 2.0]}, start, "z", pins=[Pin("C", (2.0,), 1e308)])

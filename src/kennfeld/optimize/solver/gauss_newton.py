@@ -75,6 +75,7 @@ PROMISED = 0.5  # share of the cost that a step with little damping may promise 
 FEASIBLE = 1e-10  # of a limit's scale: what a trial step may miss it by, a tenth of what is promised
 EXACT = 1e3  # times the rounding of the residuals: a model with residuals this small reproduces the data exactly
 SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals vanish
+NOTHING = 1e-12  # of the step without limits: a table this small is rounding around 0
 
 
 def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
@@ -83,6 +84,18 @@ def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
         return True
     sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
     return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
+
+
+def _kept(limits: Limits, here: Float, trial: Float, free_step: Float) -> Float | None:
+    """The trial if it keeps the rows, else None; a table that limits force to 0 becomes exactly 0.
+
+    What the step leaves of such a table is rounding, which breaks rows between its values by as much as it is large.
+    """
+    if _keeps(limits, here, trial):
+        return trial
+    nothing = limits.sizes(trial) <= NOTHING * limits.sizes(free_step)
+    zeroed = np.where(nothing, limits.clip(np.zeros_like(trial)), trial)
+    return zeroed if nothing.any() and _keeps(limits, here, zeroed) else None
 
 
 def gauss_newton(
@@ -190,11 +203,12 @@ class _Descending:
                     self._harder()
                     continue
                 solution = solve(factor, free_step + 0.5 * bend, here, limits, solution.active)
-            trial = self.at.copy()
-            trial[line.movable] = solution.reached(here, limits)
-            if not _keeps(limits, here, trial[line.movable]):
+            reached = _kept(limits, here, solution.reached(here, limits), free_step)
+            if reached is None:
                 self._harder()
                 continue
+            trial = self.at.copy()
+            trial[line.movable] = reached
             cost = self.objective.cost(trial)
             self.evaluations += 1
             actual = self.cost - cost
