@@ -3,8 +3,8 @@
 There are two causes. The effect of a value may have faded before the first scored sample: an initial state, say, after
 a warm-up that is much longer than its time constant. Then its slopes are right, and tiny beside those on the samples
 that are simulated without being scored, less than any measurement resolves, or beside those of the other values of its
-table. Or the effect cancels within the model, as that of `k` in `(k*x) / (k*z)`: then the slopes are themselves rounding
-errors, and they are others as soon as the values change in their last digits.
+table. Or the effect cancels within the model, as that of `k` in `(k*x) / (k*z)`: then the slopes are themselves
+rounding errors, and they are others as soon as the values change in their last digits.
 
 Either way a least-squares step would divide noise by noise and send the value anywhere.
 """
