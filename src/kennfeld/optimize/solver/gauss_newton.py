@@ -278,7 +278,7 @@ class _Descending:
     def _harder(self) -> None:
         self.damping *= self.growth
         self.growth *= 2.0
-        self.floor = HELD
+        self.floor = min(10 * self.floor, HELD)
 
     def _accept(self, line: GaussNewtonModel, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
