@@ -8,6 +8,9 @@ import numpy as np
 import kennfeld as kf
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.optimize.limits.constraints import Shape
+from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.problem import Compiled, Problem
 
 
 @dataclass(frozen=True)
@@ -92,3 +95,20 @@ def map_fit(random):
     shapes += [Shape("C", 1, "slope", 0.0)] if random.random() < 0.7 else []
     shapes += [Shape("C", 0, "curvature", -np.inf, 0.0)] if random.random() < 0.3 else []
     return ConstrainedFit(data, table, tuple(shapes))
+
+
+def least_cost(problem: Problem):
+    """What Clarabel reaches for a problem that is linear in its values, roughness among its costs."""
+    compiled = Compiled(problem)
+    residual, jacobian = SumOfSquares(compiled).rows(np.zeros(compiled.values.free))
+    rows = limits_of(problem, compiled.values).rows
+    matrix = rows.matrix(np.arange(rows.count), compiled.values.free)
+    size = np.abs(matrix).max(axis=1)
+    values = cp.Variable(compiled.values.free)
+    taken = (matrix / size[:, None]) @ values
+    below, above = np.isfinite(rows.lower), np.isfinite(rows.upper)
+    within = [taken[below] >= (rows.lower / size)[below]]
+    within += [taken[above] <= (rows.upper / size)[above]] if above.any() else []
+    program = cp.Problem(cp.Minimize(cp.sum_squares(jacobian @ values + residual)), within)
+    program.solve(solver=cp.CLARABEL)
+    return program.value

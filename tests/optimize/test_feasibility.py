@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from constrained_fits import curve_fit, map_fit
+from constrained_fits import curve_fit, least_cost, map_fit
 
 import kennfeld as kf
+from kennfeld.optimize.api import problem_of
 from kennfeld.optimize.limits.constraints import Pin, Shape
+from kennfeld.optimize.search.multistart import run
 
 HOLDS = 1e-9
 
@@ -61,7 +63,53 @@ def test_the_factors_of_a_product_keep_limits_of_very_different_sizes(seed):
     assert B[0] == pytest.approx(1.0, rel=HOLDS)
 
 
+@pytest.mark.parametrize(
+    "data", [{"offset": 2.0, "slope": 0.0}, {"offset": 2.0, "slope": 1.0}, {"offset": -99.0, "slope": 1.0}]
+)
+@pytest.mark.parametrize("unit", [1.0, 1e-7, 1e7])
+def test_a_curve_that_limits_force_to_zero_does_not_hold_the_others_at_their_start(unit, data):
+    random = np.random.default_rng(1)
+    x, u = np.array([0.0, 1.0, 2.0, 3.0] * 3), random.uniform(0, 3, 12)
+    z = data["offset"] - x + data["slope"] * u
+    forced = kf.Curve("A", range(4), [0] * 4, locked=[True, False, False, False])
+    result = kf.calibrate(
+        f"m = {1 / unit!r}*A(x) + {unit!r}*B(u)",
+        {"x": x, "u": u, "z": z},
+        kf.ParameterSet([forced, kf.Curve("B", range(4), [0] * 4)]),
+        "z",
+        constraints=[Shape("A", 0, "slope", 0.0)],
+    )
+    alone = kf.calibrate("m = B(u)", {"u": u, "z": z}, kf.ParameterSet([kf.Curve("B", range(4), [0] * 4)]), "z")
+    A = result.parameters["A"].values
+    assert result.status == "converged"
+    assert np.diff(A).min() >= -HOLDS * np.abs(A).max()
+    assert result.cost_after <= alone.cost_after * (1 + 1e-6)
+
+
 def test_a_pin_of_an_extreme_size_is_an_answer_and_no_warning():
     start = kf.ParameterSet([kf.Curve("C", range(3), [0.0] * 3)])
     result = kf.calibrate("m = C(x)", {"x": [0.0, 1.0], "z": [1.0, 2.0]}, start, "z", pins=[Pin("C", (2.0,), 1e308)])
     assert result.parameters["C"].values[2] == pytest.approx(1e308)
+
+
+@pytest.mark.parametrize(("unit", "smoothness"), [(1e4, 1e2), (1e3, 1e6)])
+@pytest.mark.parametrize("seed", range(2))
+def test_limits_do_not_slow_a_fit_whose_smoothness_outweighs_its_data(seed, unit, smoothness):
+    """What smoothness leaves to the data, the slopes of a table, has a tiny share of the curvature."""
+    random = np.random.default_rng([seed, 15])
+    x, y = (np.cumsum(random.uniform(0.1, 1, size)) for size in (6, 2))
+    data = {name: random.uniform(axis[0], axis[-1], 30) for name, axis in (("u", x), ("x", x), ("y", y))}
+    start = kf.ParameterSet([kf.Map("B", x, y, np.zeros((6, 2))), kf.Curve("A", x, np.zeros(6))])
+    problem = problem_of(
+        f"m = A(u) + B(x, y) / {unit}",
+        data | {"z": random.normal(0, 1, 30)},
+        start,
+        "z",
+        smoothness=smoothness,
+        constraints=[Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", 0.0)],
+        pins=[Pin("A", (float(x[3]),), -1.3)],
+    )
+    result = run(problem, kf.Options(continuation="off"))
+    assert result.status == "converged"
+    assert result.iterations < 50
+    assert result.cost_after <= least_cost(problem) * (1 + 1e-6)

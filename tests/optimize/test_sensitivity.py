@@ -24,7 +24,7 @@ def drive(warmup, text="y = PT1(2.5 * u, 0.5, 3.0)"):
     return data.with_channels(kf.Channel("m", wanted))
 
 
-@pytest.mark.parametrize("warmup", [180, 200, 400])
+@pytest.mark.parametrize("warmup", [90, 130, 180, 400])
 @pytest.mark.parametrize(("x0", "T"), [(0.0, 1.0), (0.0, 20.0), (1.0, 20.0)])
 def test_an_initial_state_that_has_faded_keeps_its_start_and_is_named(warmup, x0, T):
     result = kf.calibrate("y = PT1(k*u, T, x0)", drive(warmup), {"k": 1.0, "T": T, "x0": x0}, "m")
@@ -38,11 +38,11 @@ def test_an_initial_state_that_has_faded_keeps_its_start_and_is_named(warmup, x0
     assert any("x0: it keeps its start" in str(direction) for direction in result.trust.directions)
 
 
-@pytest.mark.parametrize("warmup", [100, 130, 150])
+@pytest.mark.parametrize("warmup", [40, 55, 70])
 def test_an_initial_state_that_has_nearly_faded_does_not_run_away(warmup):
     result = kf.calibrate("y = PT1(k*u, T, x0)", drive(warmup), {"k": 1.0, "T": 1.0, "x0": 0.0}, "m")
-    assert abs(result.parameters["x0"].value) < 100
-    assert result.trust.deviation["x0"] > 1e5
+    assert abs(result.parameters["x0"].value) < 5 * result.trust.deviation["x0"]
+    assert result.trust.deviation["x0"] > 5
 
 
 def test_an_initial_state_that_the_data_see_is_found():

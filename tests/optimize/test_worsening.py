@@ -47,6 +47,13 @@ def test_the_share_that_is_named_makes_smoothness_yield(seed, text):
     assert much.rmse_after > much.rmse_before  # it is not far from the largest one
 
 
+@pytest.mark.parametrize("smoothness", [1e8, 1e12])
+def test_a_smoothness_of_any_size_is_named_as_the_cause(smoothness):
+    (warning,) = rough_map(0, smoothness).warnings
+    assert warning.what.startswith("Smoothness outweighs the data")
+    assert warning.mend.startswith("Multiply the smoothness by about ")
+
+
 def test_a_fit_that_is_worse_on_test_data_alone_is_told():
     x = np.linspace(0, 1, 8)
     data = {"x": x, "y": x + 0.3 * np.sin(40 * x)}

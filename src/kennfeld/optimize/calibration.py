@@ -36,6 +36,7 @@ __all__ = ["Progress", "Run", "run"]
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
+NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 SADDLES = 3  # descents that may begin anew where values cannot move
 CREASED = 3e-3  # relative difference of two ends from which creases matter
 
@@ -274,9 +275,22 @@ class Run:
         values = np.where(faint, start, end.values)
         cost = self.objective.cost(values)
         rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
-        if not cost <= end.cost + rounding or limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
+        if limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
             return end
-        return replace(end, values=values, cost=cost)
+        if cost <= end.cost + rounding:
+            return replace(end, values=values, cost=cost)
+        return self._descended_without(faint, end, values, limits) if end.status == "converged" else end
+
+    def _descended_without(self, faint: Bool, end: Descent, values: Float, limits: Limits) -> Descent:
+        """The end of a descent from values of which the faint ones stay; another one if they do matter.
+
+        A faint value that had moved far follows the noise of some samples, which costs a little to undo.
+        """
+        again = gauss_newton(self.objective, values, limits, self.options.settings, partial(self._report, "plain"))
+        kept = np.array_equal(again.values[faint], values[faint])
+        if self.outputs is not None and not self.outputs.kept(self.parameters(again.values)):
+            return end
+        return _with_effort(again, [end, again]) if kept and again.cost <= NOISE * end.cost else end
 
     def _with_reasons(self, end: Descent) -> Descent:
         """The end with a sentence on the trial values that were rejected on the way."""

@@ -1,10 +1,10 @@
-"""Values that move the scored outputs by rounding errors only, although their slopes are not exactly zero.
+"""Values that move the scored outputs by next to nothing, although their slopes are not exactly zero.
 
 There are two causes. The effect of a value may have faded before the first scored sample: an initial state, say, after
 a warm-up that is much longer than its time constant. Then its slopes are right, and tiny beside those on the samples
-that are simulated without being scored, or beside those of the other values of its table. Or the effect cancels within
-the model, as that of `k` in `(k*x) / (k*z)`: then the slopes are themselves rounding errors, and they are others as
-soon as the values change in their last digits.
+that are simulated without being scored, less than any measurement resolves, or beside those of the other values of its
+table. Or the effect cancels within the model, as that of `k` in `(k*x) / (k*z)`: then the slopes are themselves
+rounding errors, and they are others as soon as the values change in their last digits.
 
 Either way a least-squares step would divide noise by noise and send the value anywhere.
 """
@@ -19,7 +19,8 @@ from kennfeld.optimize.problem import Compiled
 
 __all__ = ["Sensitivity"]
 
-FADED = 1e-14  # slope relative to the largest of the same parameter on all simulated samples, below which it is faded
+FADED = 1e-6  # slope relative to the largest of the same parameter on all simulated samples, below which it is faded
+TINY = 1e-14  # the same on the scored samples alone
 SUSPECT = 1e-12  # share of the targets by which a value moves the outputs when it changes by its size
 NUDGE = 1e-12  # relative change of the values that leaves true slopes as they are, and rounding errors not
 UNSTEADY = 1e-4  # relative change of the curvature under a nudge that makes it rounding
@@ -50,7 +51,8 @@ class Sensitivity:
         """
         if not np.all(np.isfinite(curvature)):
             return np.zeros(curvature.size, dtype=bool)
-        found: Bool = curvature <= FADED**2 * np.maximum(self.everywhere(values), self._largest(curvature))
+        least = np.maximum(FADED**2 * self.everywhere(values), TINY**2 * self._largest(curvature))
+        found: Bool = curvature <= least
         suspect = self._suspect(values, curvature) & ~found
         if suspect.any():
             nudged = curvature_at(self._nudged(values))

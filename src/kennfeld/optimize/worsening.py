@@ -14,7 +14,7 @@ __all__ = ["admissible_share", "worsened"]
 
 WORSE = 1.01  # ratio of the RMSE after the fit to that before, from which it counts as worse
 PERFECT = 1e-9  # of the target's variance: errors below it are rounding
-SHARES = tuple(float(f"{digit}e-{power}") for power in range(1, 9) for digit in (5, 2, 1))
+SHARES = tuple(float(f"{digit}e-{power}") for power in range(1, 17) for digit in (5, 2, 1))
 RIDGE = 1e-12  # of the curvature, for values that the share leaves undetermined
 NAMED = 4  # datasets that a warning names
 

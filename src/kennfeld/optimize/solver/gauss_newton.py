@@ -72,9 +72,12 @@ MOST_DAMPING = 1e40  # steps have vanished long before
 MOST_BEND = 0.75
 LITTLE_DAMPING = 1e-12
 PROMISED = 0.5  # share of the cost that a step with little damping may promise to gain at a minimum, say at a crease
+HELD = 1e-9  # of the mean curvature: the least damping where limits hold, so that their products keep their digits
+LEAST_HELD = 1e-15  # the same where steps go on, but slowly
 FEASIBLE = 1e-10  # of a limit's scale: what a trial step may miss it by, a tenth of what is promised
 EXACT = 1e3  # times the rounding of the residuals: a model with residuals this small reproduces the data exactly
 SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals vanish
+NOTHING = 1e-12  # of the step without limits: a table this small is rounding around 0
 
 
 def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
@@ -83,6 +86,18 @@ def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
         return True
     sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
     return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
+
+
+def _kept(limits: Limits, here: Float, trial: Float, free_step: Float) -> Float | None:
+    """The trial if it keeps the rows, else None; a table that limits force to 0 becomes exactly 0.
+
+    What the step leaves of such a table is rounding, which breaks rows between its values by as much as it is large.
+    """
+    if _keeps(limits, here, trial):
+        return trial
+    nothing = limits.sizes(trial) <= NOTHING * limits.sizes(free_step)
+    zeroed = np.where(nothing, limits.clip(np.zeros_like(trial)), trial)
+    return zeroed if nothing.any() and _keeps(limits, here, zeroed) else None
 
 
 def gauss_newton(
@@ -121,6 +136,8 @@ class _Descending:
         self.calm = 0
         self.active: Int | None = None
         self.held = bool(limits.rows.equal.any())
+        self.floor = HELD
+        self.lowered = False
         self.scale: Float | None = None
         self.secant: Secant | None = None
         self.curved = False
@@ -190,11 +207,12 @@ class _Descending:
                     self._harder()
                     continue
                 solution = solve(factor, free_step + 0.5 * bend, here, limits, solution.active)
-            trial = self.at.copy()
-            trial[line.movable] = solution.reached(here, limits)
-            if not _keeps(limits, here, trial[line.movable]):
+            reached = _kept(limits, here, solution.reached(here, limits), free_step)
+            if reached is None:
                 self._harder()
                 continue
+            trial = self.at.copy()
+            trial[line.movable] = reached
             cost = self.objective.cost(trial)
             self.evaluations += 1
             actual = self.cost - cost
@@ -220,7 +238,7 @@ class _Descending:
     def _solved(self, line: GaussNewtonModel, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
         """The factor of the damped model, its step without limits, and the solution within them."""
         while True:
-            found = line.factor(self.damping, self.secant if self.curved else None, held=self.held)
+            found = line.factor(self.damping, self.secant if self.curved else None, self._least_damping)
             if found is None:
                 return None
             solution = solve(*found, here, limits, self.active)
@@ -230,7 +248,7 @@ class _Descending:
 
     def _stuck(self, line: GaussNewtonModel, limits: Limits, message: str) -> Descent:
         """The end where damping leaves no step: at a minimum, or where all but the shortest steps lead astray."""
-        found = line.factor(LITTLE_DAMPING, held=self.held) if self.cost > SOLVED * self.first_cost else None
+        found = line.factor(LITTLE_DAMPING, floor=self._least_damping) if self.cost > SOLVED * self.first_cost else None
         if found is not None and np.all(np.isfinite(found[1])):
             step = solve(*found, self.at[line.movable], limits, self.active).step
             if line.gain(step) > PROMISED * self.cost:
@@ -247,29 +265,45 @@ class _Descending:
         curved = plain if self.secant is None else plain - self.secant.bend(step)
         return (curved, plain) if self.curved else (plain, curved)
 
+    @property
+    def _least_damping(self) -> float:
+        """The floor of the damping where limits hold.
+
+        They tie values that no data inform to those that data do, and the smaller the curvature of the former, the
+        fewer digits are left of the latter. Where smoothness outweighs data that alone tell a slope, the same floor
+        makes steps tiny: it falls while they succeed, and rises again with the first that does not.
+        """
+        return self.floor if self.held else 0.0
+
     def _harder(self) -> None:
         self.damping *= self.growth
         self.growth *= 2.0
+        self.floor = min(10 * self.floor, HELD)
 
     def _accept(self, line: GaussNewtonModel, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
         held_back = self.damping > 1.0 and ratio > self.settings.trusted
         if relative >= self.settings.tolerance:
-            self.calm = 0
+            self.calm, self.lowered = 0, False
         elif not held_back:
             self.calm += 1
         size = line.length(trial[line.movable] - self.at[line.movable]) / max(np.sqrt(cost), 1e-300)
         self.at, self.cost, self.active = trial, cost, solution.active
         self.iterations += 1
         used = self.damping
+        if self.damping < self.floor and ratio > self.settings.trusted:
+            self.floor = max(0.1 * self.floor, LEAST_HELD)
         self.damping = max(self.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), 1e-15)
         self.growth = 2.0
         self.report(Iteration(self.iterations, cost, size, used, int(np.count_nonzero(solution.active))), self.at)
 
     def _settled(self) -> Descent | None:
-        if self.calm >= self.settings.patience:
-            return self._end("converged", "The cost no longer falls.")
-        return None
+        if self.calm < self.settings.patience:
+            return None
+        if self.held and self.damping < self.floor and not self.lowered:
+            self.floor, self.lowered = LEAST_HELD, True
+            return None
+        return self._end("converged", "The cost no longer falls.")
 
     def _end(self, status: Status, message: str) -> Descent:
         return Descent(self.at, self.cost, status, message, self.iterations, self.evaluations)

@@ -16,7 +16,6 @@ __all__ = ["GaussNewtonModel", "Objective"]
 MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
 PROBE = 0.1  # share of a step at which its curvature is measured
 FLOOR = 1e-6  # of the mean curvature in its table: the least scale of a value, so that it does not run away
-HELD = 1e-9  # of the mean curvature: the least damping where limits hold, so that their products keep their digits
 
 
 class Objective(Protocol):
@@ -89,13 +88,12 @@ class GaussNewtonModel:
         """How exactly the residuals are known: they are differences of predictions of the size |J p|."""
         return float(np.finfo(float).eps * np.linalg.norm(np.sqrt(self.diagonal) * self.at[self.movable]))
 
-    def factor(self, damping: float, secant: Secant | None = None, *, held: bool) -> tuple[Factor, Float] | None:
+    def factor(self, damping: float, secant: Secant | None = None, floor: float = 0.0) -> tuple[Factor, Float] | None:
         """Factor of the damped matrix and the step without limits; None where it is not positive definite.
 
-        Where limits hold, `held`, the damping has a floor: limits tie values that no data inform to those that data
-        do, and the smaller the curvature of the former, the fewer digits are left of the latter.
+        `floor` is the least damping, as a share of the mean curvature.
         """
-        damped = np.maximum(damping * self.scale, HELD * self.curvature) if held else damping * self.scale
+        damped = np.maximum(damping * self.scale, floor * self.curvature)
         if secant is not None:
             whole = (self.root.T @ self.root if self.matrix is None else self.matrix) + secant.matrix
             curved = Cholesky(self.movable.size).factor(whole, damped)
