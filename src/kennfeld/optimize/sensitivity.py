@@ -23,6 +23,7 @@ FADED = 1e-6  # slope relative to the largest of the same parameter on all simul
 TINY = 1e-14  # the same on the scored samples alone
 SUSPECT = 1e-12  # share of the targets by which a value moves the outputs when it changes by its size
 NUDGE = 1e-12  # relative change of the values that leaves true slopes as they are, and rounding errors not
+NUDGES = 4  # as rounding errors are few different numbers, one may leave them by chance as they are
 UNSTEADY = 1e-4  # relative change of the curvature under a nudge that makes it rounding
 BLOCK = 65536  # samples whose targets are copied at a time
 
@@ -54,9 +55,13 @@ class Sensitivity:
         least = np.maximum(FADED**2 * self.everywhere(values), TINY**2 * self._largest(curvature))
         found: Bool = curvature <= least
         suspect = self._suspect(values, curvature) & ~found
-        if suspect.any():
-            nudged = curvature_at(self._nudged(values))
-            found |= suspect & (np.abs(nudged - curvature) > UNSTEADY * curvature)
+        for number in range(1, NUDGES + 1):
+            if not suspect.any():
+                break
+            nudged = curvature_at(self._nudged(values, number))
+            unsteady = suspect & (np.abs(nudged - curvature) > UNSTEADY * curvature)
+            found |= unsteady
+            suspect &= ~unsteady
         return found
 
     def everywhere(self, values: Float) -> Float:
@@ -96,11 +101,11 @@ class Sensitivity:
             self._target_size = float(sum(parts))
         return self._target_size
 
-    def _nudged(self, values: Float) -> Float:
-        """The values, the free ones changed in their last digits, each by another share."""
+    def _nudged(self, values: Float, number: int) -> Float:
+        """The values, the free ones changed in their last digits, each by another share, and so with each number."""
         nudged = values.copy()
         free = self._compiled.values.free
-        nudged[:free] *= 1 + NUDGE * (1 + np.modf(np.arange(free) * 0.618034)[0])
+        nudged[:free] *= 1 + NUDGE * (number + np.modf(np.arange(free) * 0.618034)[0])
         return nudged
 
 
