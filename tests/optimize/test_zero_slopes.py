@@ -197,3 +197,19 @@ def test_a_model_with_memory_leaves_zero():
 def test_the_same_start_is_left_the_same_way_every_time():
     ends = [fitted("y = A(u) * B(v)", curve("A"), curve("B")).parameters["A"].values for _ in range(2)]
     assert np.array_equal(*ends)
+
+
+@pytest.mark.parametrize(
+    ("text", "target", "start"),
+    [
+        ("y = max(0, a*u - 5)", lambda u: np.maximum(0, 4 * u - 5), 0.0),
+        ("y = min(a*u, 1)", lambda u: np.minimum(0.3 * u, 1), 50.0),
+        ("y = if(u > a, 1, 0)", lambda u: 1.0 * (u > 1.5), 0.5),
+    ],
+    ids=["dead zone", "saturation", "threshold"],
+)
+def test_an_end_without_any_slope_has_not_converged(text, target, start):
+    u = np.linspace(0.1, 3, 50)
+    result = kf.calibrate(text, {"u": u, "z": target(u)}, {"a": start}, "z")
+    assert result.status == "failed"
+    assert result.message.startswith("All slopes are zero")

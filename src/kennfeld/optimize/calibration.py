@@ -118,7 +118,24 @@ class Run:
         kept, usual = project(given, limits)
         if kept is not None and not np.array_equal(kept, start) and not end.cost < self.objective.cost(kept):
             end, remark = replace(end, values=kept, cost=self.objective.cost(kept)), usual
-        return self._within(self._with_reasons(end), limits), remark
+        return self._within(self._with_reasons(self._with_slopes(end, limits)), limits), remark
+
+    def _with_slopes(self, end: Descent, limits: Limits) -> Descent:
+        """The end, which has failed if no free value has a slope there although errors are left.
+
+        Values that all lie on bounds may be the best ones.
+        """
+        if end.status != "converged" or end.cost == 0 or self.options.method == "global":
+            return end
+        sloped = self.objective.sloped(end.values)
+        within = (limits.lower < end.values) & (end.values < limits.upper)
+        if sloped is None or (sloped & limits.movable).any() or not within.any():
+            return end
+        message = (
+            "All slopes are zero: the outputs do not change with any free value here. Start from other values, "
+            'within the range in which they matter, or search with method = "global".'
+        )
+        return replace(end, status="failed", message=message)
 
     def _within(self, end: Descent, limits: Limits) -> Descent:
         """The end, moved onto the limits if it misses one; only values that keep all of them have converged."""
