@@ -1,4 +1,6 @@
+import errno
 import os
+import re
 import stat
 
 import pytest
@@ -86,6 +88,15 @@ def test_a_link_to_a_write_protected_file_is_refused(file):
     file.with_name("link.txt").symlink_to("a.txt")
     with pytest.raises(PermissionError):
         write_whole(file.with_name("link.txt"), "new")
+
+
+@posix
+def test_links_in_a_circle_are_an_error_of_the_system(tmp_path):
+    link = tmp_path / "link.txt"
+    link.symlink_to(link.name)
+    with pytest.raises(OSError, match=re.escape(os.strerror(errno.ELOOP))):
+        write_whole(link, "new")
+    assert link.is_symlink()
 
 
 @posix

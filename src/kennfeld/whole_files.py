@@ -41,7 +41,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: The file is write-protected, even for root, or is no regular file, or the system cannot write.
     """
-    target = path.resolve()
+    target = Path(os.path.realpath(path))  # unlike resolve, no error of its own for links in a circle
     before = _replaceable(target)
     beside = target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{target.suffix}")
     try:

@@ -39,6 +39,12 @@ DIADEM = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n1,WINDOWS 32Bit\n#ENDGLOB
         ("/* x */\nLIN_description_file;\n", "a LIN database (LDF)"),
         ('<?xml version="1.0"?>\n<AUTOSAR xmlns="x"></AUTOSAR>', "an AUTOSAR description (ARXML)"),
         (DIADEM, "a DIAdem header file, which describes channels whose values lie in other files. Export"),
+        ("// made by hand\n" + DBC, "a CAN database (DBC)"),
+        (
+            '/* x */ /begin CHARACTERISTIC K "" VALUE 0x1 RL 0 CM 0 1\n/end CHARACTERISTIC\n',
+            "a fragment of an A2L description, which",
+        ),
+        ("CANape PAR V3.2: engine.a2l 1 0 ECU\n;Parameter file\nK 1 2 3\n", "a parameter file of CANape"),
         (b"TDSm" + bytes(60), "a TDMS file of National Instruments"),
         ('<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x"></usi:tdm>', "a TDM file of National Instruments"),
         (gzip.compress(ASC.encode()), "a Vector ASC file"),
@@ -57,3 +63,9 @@ def test_a_file_of_another_kind_is_named(csv, content, said):
 )
 def test_tables_with_such_words_are_read(csv, text):
     assert read(csv(text)).samples == 2
+
+
+@pytest.mark.parametrize("start", ["/**/" * 16_000, "/*" * 30_000, "/* */\n" * 10_000, "\n" * 65_536])
+def test_many_comments_or_blank_lines_are_looked_through_once(csv, start):
+    with pytest.raises(InputError, match=r"^run\.x"):
+        read(csv(start, "run.x"))

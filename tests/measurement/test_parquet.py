@@ -81,3 +81,21 @@ def test_a_damaged_file_gives_findings_and_nothing_else(parquet):
         path.write_bytes(mutant[: generator.randrange(len(mutant))] if generator.random() < 0.3 else mutant)
         with contextlib.suppress(InputError):
             read(path)
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 1000])
+def test_columns_that_are_read_in_blocks_keep_their_values(parquet, monkeypatch, at_once):
+    monkeypatch.setattr("kennfeld.measurement.parquet._AT_ONCE", at_once)
+    names = [f"c.{k}" for k in range(20)]
+    columns = {name: ["text"] * 2 if k == 3 else [k, k + 0.5] for k, name in enumerate(names)}
+    data = read(parquet(pa.table(columns)))
+    assert [channel.name for channel in data.channels] == [name for name in names if name != "c.3"]
+    assert all(data[f"c.{k}"].values.tolist() == [k, k + 0.5] for k in range(20) if k != 3)
+
+
+def test_the_description_of_the_columns_is_made_once_a_file(parquet, monkeypatch):
+    path = parquet(pa.table({f"c{k}": [0.0, 1.0] for k in range(50)}))
+    made, schema = [], pq.ParquetFile.schema_arrow.fget
+    monkeypatch.setattr(pq.ParquetFile, "schema_arrow", property(lambda file: made.append(1) or schema(file)))
+    assert len(read(path).channels) == 50
+    assert len(made) < 5

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.errors import InputWarning
 
 TIME = 0.1 * np.arange(40)
 STEP = np.where(np.arange(40) < 5, 0.0, 1.0)
 SLOW = "y = PT1(u, T, 0)"
 RESPONSE = kf.simulate(SLOW, kf.Dataset.of("step", {"u": STEP}, time=TIME), {"T": 0.7})["y"].values
+
+
+def frame_of(columns):
+    return frame(**columns)
 
 
 def frame(index=None, **columns):
@@ -154,3 +159,16 @@ def test_masked_samples_do_not_count():
     result = kf.calibrate("y = k * u", {"u": [1, 2, 3, 4], "z": z}, {"k": 1}, "z")
     assert result.parameters["k"].value == pytest.approx(3)
     assert result.quality[0].samples == 3
+
+
+@pytest.mark.parametrize("make", [dict, frame_of])
+def test_infinite_values_of_columns_that_are_used_are_warned_of(make):
+    data = make({"x": [1.0, np.inf, 3.0, 4.0], "z": [2.0, 4.0, -np.inf, 8.0], "spare": [np.inf] * 4})
+    with pytest.warns(InputWarning) as caught:
+        result = kf.calibrate("m = k * x", data, {"k": 1.0}, target="z")
+    assert [str(one.message) for one in caught] == [
+        f"dataset training, channel {name}: 1 of 4 values is infinite and taken as missing" for name in "xz"
+    ]
+    assert result.parameters["k"].value == pytest.approx(2)
+    with pytest.warns(InputWarning, match="dataset data, channel x: 1 of 4 values is infinite"):
+        kf.simulate("m = k * x", data, {"k": 1.0})

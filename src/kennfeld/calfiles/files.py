@@ -1,6 +1,7 @@
 """Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
 
 import gc
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -324,4 +325,4 @@ def _replace(target: Path, raw: bytes) -> None:
         write_whole(target, raw)
     except OSError as error:
         what = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(str(target.resolve()), what, "Name another file.") from None
+        raise InputError.of(os.path.realpath(target), what, "Name another file.") from None

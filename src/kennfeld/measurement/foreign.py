@@ -31,7 +31,9 @@ _FOREIGN = (
     _Foreign(f"a Vector ASC file, {_BUS_LOG}", _DECODE, rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)"),
     _Foreign(f"a Vector BLF file, {_BUS_LOG}", _DECODE, rb"\ALOGG"),
     _Foreign(f"a PEAK TRC file, {_BUS_LOG}", _DECODE, rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION="),
-    _Foreign(f"a CAN database (DBC), {_DATABASE}", _RECORDING, rb"\A\s*(?:VERSION\s+\"|NS_\s*:|BU_\s*:|BO_\s+\d+\s)"),
+    _Foreign(
+        f"a CAN database (DBC), {_DATABASE}", _RECORDING, rb"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)"
+    ),
     _Foreign(f"a LIN database (LDF), {_DATABASE}", _RECORDING, rb"\A\s*(?:/\*.*?\*/\s*)?LIN_description_file\s*;"),
     _Foreign(
         f"an AUTOSAR description (ARXML), {_DATABASE}", _RECORDING, rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)?<AUTOSAR"
@@ -41,6 +43,12 @@ _FOREIGN = (
         f"{_EXPORT[:-1]} in DIAdem.",
         rb"\A\s*DIAEXTENDED|^#BEGINGLOBALHEADER",
     ),
+    _Foreign(
+        "a fragment of an A2L description, which says where the control unit keeps values and holds no samples of them",
+        _RECORDING,
+        rb"\A(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*/begin\s+[A-Z]",
+    ),
+    _Foreign("a parameter file of CANape", "Name the recording instead, as MDF or CSV.", rb"\ACANape PAR\s"),
     _Foreign("a TDMS file of National Instruments", _EXPORT, rb"\ATDSm"),
     _Foreign("a TDM file of National Instruments", _EXPORT, rb"\A(?:<\?xml[^>]*>)?\s*<(?:usi:)?tdm[\s>]"),
 )

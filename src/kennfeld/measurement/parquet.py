@@ -1,6 +1,7 @@
 """Reads Parquet files."""
 
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from kennfeld.measurement.units import split_name
 __all__ = ["read_tables"]
 
 _INDEX = "__index_level_"  # how pandas calls an index without a name
+_AT_ONCE = 1 << 22  # values; each reading goes through the names of all columns
 
 
 def read_tables(source: Source, selection: Selection) -> list[Table]:
@@ -24,12 +26,14 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
 
     try:
         with source.path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            header = _header(file.schema_arrow)
+            schema = file.schema_arrow  # made anew each time it is asked for
+            header = _header(schema)
             asked = selection.wants(header)
-            wanted = [i for i in asked if _is_numeric(file.schema_arrow.field(i).type)]
-            columns = [_column(file, header, i) for i in wanted]
-            texts = [_text(file, header, i) for i in asked if i not in wanted]
+            wanted = [i for i in asked if _is_numeric(schema.field(i).type)]
             count = file.metadata.num_rows
+            columns = list(_columns(file, schema, header, wanted))
+            numeric = set(wanted)
+            texts = [_text(schema.field(i).type, header.names[i], count) for i in asked if i not in numeric]
             if odd := [column.name for column in columns if column.values.size != count]:
                 raise ValueError(f"{odd[0]} does not hold {count} values")
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
@@ -64,10 +68,20 @@ def _is_numeric(kind: Any) -> bool:
     return bool(plain or pa.types.is_decimal(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
 
 
-def _column(file: Any, header: Header, index: int) -> Column:
+def _columns(file: Any, schema: Any, header: Header, wanted: Sequence[int]) -> Iterator[Column]:
+    """Columns of numbers, as many at once as do not take much memory besides the result."""
+    size = max(1, _AT_ONCE // max(1, file.metadata.num_rows))
+    for start in range(0, len(wanted), size):
+        block = wanted[start : start + size]
+        names = [schema.field(i).name for i in block]
+        read = file.read(columns=names)
+        places = {name: at for at, name in reversed(list(enumerate(read.column_names)))}
+        yield from (_column(read.column(places[name]), header, i) for i, name in zip(block, names, strict=True))
+
+
+def _column(chunked: Any, header: Header, index: int) -> Column:
     import pyarrow as pa
 
-    chunked = file.read(columns=[file.schema_arrow.field(index).name]).column(0)
     dated = pa.types.is_timestamp(chunked.type) or pa.types.is_duration(chunked.type)
     values = _seconds(chunked) if dated else _float64(chunked)
     name = header.names[index]
@@ -91,8 +105,6 @@ def _seconds(chunked: Any) -> Float:
     return _float64(pa.compute.subtract(ticks, first)) / scale
 
 
-def _text(file: Any, header: Header, index: int) -> Column:
+def _text(kind: Any, name: str, count: int) -> Column:
     """A column that is no channel; it is kept so that a message can show what it holds."""
-    name, count = header.names[index], file.metadata.num_rows
-    kind = file.schema_arrow.field(index).type
     return Column(name, "", name, np.full(count, np.nan), ((0, f"a value of type {kind}"),), count)

@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.errors import ArgumentError, InputError, warn
 from kennfeld.graph import Graph
 from kennfeld.measurement.columns import Column, Table
 from kennfeld.measurement.timing import clock_of, find_time, seconds
@@ -38,6 +38,9 @@ def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> 
         asked: the channels that the function reads or is compared with; `t` and columns of dates are not time if they
             are among these.
 
+    Warns:
+        InputWarning: a column that is asked for holds infinite values, which count as missing.
+
     Raises:
         InputError: a column does not hold numbers, or time does not increase and the function needs it.
     """
@@ -49,6 +52,7 @@ def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> 
     stamps = {str(key): found for key in given if (found := _stamps(given[key], str(key))) is not None}
     plain = {key: given[key] for key in given if str(key) not in stamps or str(key) in asked}
     dataset = Dataset.of(name, {key: _in_seconds(stamps, str(key), column) for key, column in plain.items()})
+    warn(one for one in dataset.remarks if one.place in {f"dataset {name}, channel {channel}" for channel in asked})
     columns = [stamps[c] if c in stamps else _column(c, dataset[c].values) for c in map(str, given)]
     return _with_time(dataset, [*columns, *_index(given)], graph, asked)
 
