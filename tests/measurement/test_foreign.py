@@ -63,3 +63,9 @@ def test_a_file_of_another_kind_is_named(csv, content, said):
 )
 def test_tables_with_such_words_are_read(csv, text):
     assert read(csv(text)).samples == 2
+
+
+@pytest.mark.parametrize("start", ["/**/" * 16_000, "/*" * 30_000, "/* */\n" * 10_000, "\n" * 65_536])
+def test_many_comments_or_blank_lines_are_looked_through_once(csv, start):
+    with pytest.raises(InputError, match="run"):
+        read(csv(start, "run.x"))

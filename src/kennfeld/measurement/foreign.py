@@ -32,7 +32,7 @@ _FOREIGN = (
     _Foreign(f"a Vector BLF file, {_BUS_LOG}", _DECODE, rb"\ALOGG"),
     _Foreign(f"a PEAK TRC file, {_BUS_LOG}", _DECODE, rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION="),
     _Foreign(
-        f"a CAN database (DBC), {_DATABASE}", _RECORDING, rb"\A\s*VERSION\s+\"|^\s*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)"
+        f"a CAN database (DBC), {_DATABASE}", _RECORDING, rb"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)"
     ),
     _Foreign(f"a LIN database (LDF), {_DATABASE}", _RECORDING, rb"\A\s*(?:/\*.*?\*/\s*)?LIN_description_file\s*;"),
     _Foreign(
@@ -46,7 +46,7 @@ _FOREIGN = (
     _Foreign(
         "a fragment of an A2L description, which says where the control unit keeps values and holds no samples of them",
         _RECORDING,
-        rb"\A(?:\s|/\*.*?\*/)*/begin\s+[A-Z]",
+        rb"\A(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*/begin\s+[A-Z]",
     ),
     _Foreign("a parameter file of CANape", "Name the recording instead, as MDF or CSV.", rb"\ACANape PAR\s"),
     _Foreign("a TDMS file of National Instruments", _EXPORT, rb"\ATDSm"),
