@@ -141,6 +141,19 @@ def test_a_disk_that_is_full_when_files_are_written_through_leaves_the_old_ones(
     assert contents(folder) == expected("old")
 
 
+def test_a_folder_that_another_process_removes_meanwhile_is_made_again(tmp_path, monkeypatch):
+    folder, tokens = tmp_path / "results", ["1", "2"]
+
+    def token(size):
+        if len(tokens) == 2:
+            folder.rmdir()
+        return tokens.pop(0)
+
+    monkeypatch.setattr("kennfeld.project.replacement.secrets.token_hex", token)
+    with scratch_folder(folder) as scratch:
+        assert scratch.name == ".kennfeld-2"
+
+
 def test_finishing_a_folder_that_does_not_exist_does_nothing(tmp_path):
     finish_interrupted(tmp_path / "results")
     assert not list(tmp_path.iterdir())

@@ -30,7 +30,6 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 
     What processes that are gone have left is finished or removed first. Raises `OSError`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     finish_interrupted(folder)
     scratch, lock = _new_scratch(folder)
     try:
@@ -42,8 +41,12 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 
 def _new_scratch(folder: Path) -> tuple[Path, BinaryIO]:
     while True:
+        folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f"{PREFIX}{secrets.token_hex(8)}"
-        scratch.mkdir()
+        try:
+            scratch.mkdir()
+        except FileNotFoundError:  # another process made the folder, and removed it empty just now
+            continue
         lock = _locked(scratch)
         if lock is not None:
             return scratch, lock
@@ -77,9 +80,11 @@ def finish_interrupted(folder: Path) -> None:
 
     A scratch folder that cannot be finished is left alone.
     """
-    if not folder.is_dir():
+    try:
+        found = [path for path in folder.iterdir() if _SCRATCH.fullmatch(path.name) and path.is_dir()]
+    except (FileNotFoundError, NotADirectoryError):
         return
-    for scratch in [path for path in folder.iterdir() if _SCRATCH.fullmatch(path.name) and path.is_dir()]:
+    for scratch in found:
         lock = _locked(scratch)
         if lock is None:
             continue
