@@ -237,6 +237,12 @@ class TestFolder:
         with pytest.raises(InputError, match=listed):
             from_folder(project, tmp_path / "results")
 
+    def test_without_one_of_its_files_is_refused_by_the_name_of_the_file(self, project, tmp_path):
+        write(project.calibrate(), project, tmp_path / "results")
+        (tmp_path / "results" / "trust.csv").unlink()
+        with pytest.raises(InputError, match=r"trust\.csv: is missing\. Run kennfeld calibrate again\.$"):
+            from_folder(project, tmp_path / "results")
+
     def test_is_the_run_that_a_killed_process_had_begun_to_put_there(self, project, tmp_path, opened):
         results = tmp_path / "results"
         write(project.calibrate(), project, results)

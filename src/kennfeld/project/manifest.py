@@ -20,7 +20,7 @@ def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def require_one_run(folder: Path, result: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Raise `InputError` if some of the files are not those that were written together with the `result.json`.
+    """Raise `InputError` if files are missing, or not those that were written together with the `result.json`.
 
     Args:
         folder: the results folder.
@@ -28,9 +28,13 @@ def require_one_run(folder: Path, result: Mapping[str, Any], names: Iterable[str
         names: the files that are going to be read. One that the manifest does not list is not checked.
     """
     manifest = result.get(KEY, {})
-    other = [name for name in names if name in manifest and _digest(folder / name) != manifest[name]]
+    listed = [name for name in names if name in manifest]
+    findings = [Finding(str(folder / name), "is missing", RUN_AGAIN) for name in listed if not (folder / name).exists()]
+    other = [name for name in listed if (folder / name).exists() and _digest(folder / name) != manifest[name]]
     if other:
-        raise InputError([Finding(str(folder), _sentence(other), RUN_AGAIN)])
+        findings.append(Finding(str(folder), _sentence(other), RUN_AGAIN))
+    if findings:
+        raise InputError(findings)
 
 
 def warnings_of_others(folder: Path, result: Mapping[str, Any], read: Collection[str]) -> list[Finding]:
