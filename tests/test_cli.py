@@ -130,6 +130,14 @@ class TestWrongUse:
         assert cli.run(["check", str(project)]) == 2
         assert capsys.readouterr().err == "/disk: No space left on device\n"
 
+    def test_memory_that_runs_out_is_no_traceback(self, project, capsys, monkeypatch):
+        def fails(*_):
+            raise MemoryError("Unable to allocate 18.6 GiB")
+
+        monkeypatch.setattr("kennfeld.project.Project.read", fails)
+        assert cli.run(["check", str(project)]) == 2
+        assert capsys.readouterr().err.startswith("There is not enough memory (Unable to allocate 18.6 GiB). Use fewer")
+
 
 def half(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 - 3])

@@ -92,6 +92,8 @@ def run(arguments: Sequence[str]) -> int:
         complain(_sentence(error))
     except OSError as error:
         complain(f"{error.filename or 'the system'}: {error.strerror or error}")
+    except MemoryError as error:
+        complain(f"There is not enough memory{f' ({error})' if str(error) else ''}. Use fewer samples or breakpoints.")
     except typer.Abort as abort:
         if isinstance(abort.__cause__, EOFError):  # which typer takes for the end of what somebody types
             raise abort.__cause__ from None

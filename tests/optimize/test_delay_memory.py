@@ -27,6 +27,11 @@ def test_a_delay_that_is_longer_than_the_data_is_none_of_them():
     np.testing.assert_array_equal(found["y"].values, DATA["x"])
 
 
+def test_a_number_of_many_digits_is_told_in_short():
+    with pytest.raises(kf.InputError, match=r"a delay of 1e\+300 steps needs"):
+        kf.simulate(TEXT.format(steps="1e300"), kf.Dataset.of("d", DATA), {"k": 1.0})
+
+
 def test_many_values_make_it_sooner_too_long():
     model = formula(TEXT.format(steps=10**7), parameters=["k"])
     assert delay_findings(model, 10) == []

@@ -20,6 +20,7 @@ from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
 from kennfeld.optimize.data.coercion import Data, dataset_of
 from kennfeld.optimize.data.delay_memory import delay_findings
+from kennfeld.optimize.data.matrix_memory import matrix_findings
 from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
 from kennfeld.optimize.data.overlap import overlap_findings
 from kennfeld.optimize.data.surrogate_step import step_findings
@@ -347,7 +348,9 @@ def _check(problem: Problem) -> None:
             if node is not None and node not in names:
                 mend = nearest(node, [*names, *channels])
                 findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
-    findings += [] if findings else delay_findings(problem.model, problem.free_size) or check_limits(problem)
+    findings += [] if findings else delay_findings(problem.model, problem.free_size)
+    findings += [] if findings else matrix_findings("parameters", problem.free_size)
+    findings += [] if findings else check_limits(problem)
     if findings:
         raise InputError(findings)
 

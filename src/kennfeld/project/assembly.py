@@ -14,6 +14,7 @@ from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
 from kennfeld.optimize.data.delay_memory import delay_findings
+from kennfeld.optimize.data.matrix_memory import matrix_findings
 from kennfeld.optimize.data.model_step import is_timed
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.limits.projection import infeasible
@@ -112,6 +113,7 @@ class _Assembling:
         problem = self._problem(self.function, tables, criteria, constraints)
         self.findings += check_free_axes(self.file, problem)
         self.findings += delay_findings(problem.model, problem.free_size)
+        self.findings += matrix_findings(f"{file.path.name} [calibration] free", problem.free_size)
         self._check_samples(problem)
         self._check_limits(problem)
         findings += method_findings(file, problem)

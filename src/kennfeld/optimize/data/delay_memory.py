@@ -24,7 +24,7 @@ def delay_findings(model: Model, values: int) -> list[Finding]:
     longest = max(range(len(graph.states)), key=lambda i: graph.states[i].latency)
     behind = dependent(graph, lambda node: node.op == "state" and node.payload == longest)
     name = min((name for name, at in graph.names.items() if at in behind), key=graph.names.__getitem__, default="")
-    what = f"a delay of {graph.states[longest].latency} steps needs {size / 1e9:.3g} GB of memory"
+    what = f"a delay of {graph.states[longest].latency:.10g} steps needs {size / 1e9:.3g} GB of memory"
     return [
         Finding(model.places.get(name, model.source), what, "Delay by fewer steps, or give the model a longer step.")
     ]
