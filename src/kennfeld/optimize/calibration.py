@@ -26,6 +26,7 @@ from kennfeld.optimize.result import Result, Seconds, TraceLine
 from kennfeld.optimize.scoring import Scorer
 from kennfeld.optimize.solver.gauss_newton import Descent, Iteration, Settings, gauss_newton
 from kennfeld.optimize.trust.inspection import Inspection
+from kennfeld.optimize.vanishing import without_vanished
 from kennfeld.optimize.worsening import admissible_share, worsened
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameters import ParameterSet
@@ -73,6 +74,11 @@ class Run:
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
         self.weights = self.exact.weights
+
+    @property
+    def scored(self) -> set[str]:
+        """The nodes of the criteria that count."""
+        return {criterion.node for criterion in self.problem.criteria if criterion.weight > 0}
 
     @cached_property
     def scorer(self) -> Scorer:
@@ -185,6 +191,7 @@ class Run:
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         quality = scorer.quality(self.problem.parameters, parameters)
+        end = without_vanished(end, before, quality, self.scored)
         return Result(
             status=end.status,
             message=" ".join(part for part in (end.message, remark, _unseen(informed), told(axes, parameters)) if part),
@@ -214,8 +221,7 @@ class Run:
         outweighed = after > before
         smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
-        scored = {criterion.node for criterion in self.problem.criteria if criterion.weight > 0}
-        return tuple(worsened(quality, scored, outweighed=outweighed, share=share))
+        return tuple(worsened(quality, self.scored, outweighed=outweighed, share=share))
 
     def _descend(self, start: Float, limits: Limits) -> Descent:
         """The end of the lowest cost: of the plain descent and, where there are creases, of continuations.
