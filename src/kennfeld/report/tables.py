@@ -34,7 +34,7 @@ def parameters(subject: Subject, pictures: Pictures) -> tuple[Html, list[tuple[s
         [element("h4", "Scalars"), _scalar_table(scalars)] if scalars else None,
         _breakpoints(subject),
         cards,
-        details(f"{len(fixed)} parameters were kept", _fixed_table(subject, fixed)) if fixed else None,
+        details(f"Parameters that were kept: {len(fixed)}", _fixed_table(subject, fixed)) if fixed else None,
     )
     return content, entries
 

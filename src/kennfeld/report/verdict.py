@@ -172,12 +172,12 @@ def _values(subject: Subject) -> Iterator[Remark]:
     if empty:
         yield Remark(
             "note",
-            f"{empty} of {total} values have no training data near them; "
+            f"Values without training data near them: {empty} of {total}; "
             "they are hatched below and rest on smoothness, or on the start.",
         )
     at = sum(int(np.count_nonzero(c.bound)) for c in changes)
     if at and subject.result is not None:
-        yield Remark("note", f"{at} of {total} values lie at a bound.")
+        yield Remark("note", f"Values at a bound: {at} of {total}.")
     null_space = subject.trust.null_space
     if null_space:
         yield Remark("warning" if null_space.remedy else "note", null_space.sentence)
