@@ -298,11 +298,18 @@ class Run:
         values = np.where(faint, start, end.values)
         cost = self.objective.cost(values)
         rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
-        if limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
-            return end
-        if cost <= end.cost + rounding:
+        if cost <= end.cost + rounding and self._keeps_as_well(values, end, limits):
             return replace(end, values=values, cost=cost)
-        return self._descended_without(faint, end, values, limits) if end.status == "converged" else end
+        sloped = self.objective.sloped(end.values)  # smoothness may hold the others
+        faint = faint & sloped if sloped is not None else np.zeros_like(faint)
+        values = np.where(faint, start, end.values)
+        if end.status != "converged" or not faint.any() or not self._keeps_as_well(values, end, limits):
+            return end
+        return self._descended_without(faint, end, values, limits)
+
+    def _keeps_as_well(self, values: Float, end: Descent, limits: Limits) -> bool:
+        """Whether values keep the limits as well as an end does."""
+        return limits.violation(values) <= max(limits.violation(end.values), FEASIBLE)
 
     def _descended_without(self, faint: Bool, end: Descent, values: Float, limits: Limits) -> Descent:
         """The end of a descent from values of which the faint ones stay; another one if they do matter.
