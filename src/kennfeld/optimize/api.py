@@ -19,8 +19,7 @@ from kennfeld.optimize.choice.shifting import shifted
 from kennfeld.optimize.criterion import Criterion
 from kennfeld.optimize.data.binding import bind
 from kennfeld.optimize.data.coercion import Data, dataset_of
-from kennfeld.optimize.data.delay_memory import delay_findings
-from kennfeld.optimize.data.matrix_memory import matrix_findings
+from kennfeld.optimize.data.memory import delay_findings, matrix_findings
 from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
 from kennfeld.optimize.data.overlap import overlap_findings
 from kennfeld.optimize.data.surrogate_step import step_findings

@@ -13,8 +13,7 @@ from kennfeld.models import started
 from kennfeld.optimize import Criterion, Limit, Problem, Step
 from kennfeld.optimize.api import resolved
 from kennfeld.optimize.data.binding import Bound
-from kennfeld.optimize.data.delay_memory import delay_findings
-from kennfeld.optimize.data.matrix_memory import matrix_findings
+from kennfeld.optimize.data.memory import delay_findings, matrix_findings
 from kennfeld.optimize.data.model_step import is_timed
 from kennfeld.optimize.data.surrogate_step import step_findings
 from kennfeld.optimize.limits.projection import infeasible

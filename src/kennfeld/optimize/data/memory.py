@@ -1,12 +1,12 @@
-"""The memory that long delays would take: better refused by a check than by the system in the midst of a search."""
+"""The memory that long delays and many free values would take: better refused by a check than during a search."""
 
 from kennfeld.errors import Finding
 from kennfeld.graph.lowering import dependent
 from kennfeld.models import Model
 
-__all__ = ["delay_findings"]
+__all__ = ["delay_findings", "matrix_findings"]
 
-MOST = 4e9  # bytes
+MOST = 4e9  # bytes of all delays, or of one matrix, of which a fit and its account of trust keep several
 
 
 def delay_findings(model: Model, values: int) -> list[Finding]:
@@ -28,3 +28,17 @@ def delay_findings(model: Model, values: int) -> list[Finding]:
     return [
         Finding(model.places.get(name, model.source), what, "Delay by fewer steps, or give the model a longer step.")
     ]
+
+
+def matrix_findings(place: str, values: int) -> list[Finding]:
+    """Return an error if the matrix of a fit, with a row and a column for each free value, does not fit into memory.
+
+    Args:
+        place: where the parameters are said to be free.
+        values: how many values are free.
+    """
+    size = 8.0 * values**2
+    if size <= MOST:
+        return []
+    what = f"{values} values to fit need matrices of {size / 1e9:.3g} GB"
+    return [Finding(place, what, "Use fewer breakpoints, or fit fewer parameters at once.")]
