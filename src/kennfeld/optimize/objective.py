@@ -29,6 +29,7 @@ class SumOfSquares:
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._sensitivity = Sensitivity(compiled)
+        self._last_curvature: tuple[Float, Float] | None = None  # the values it belongs to, and itself
         self._cholesky = Cholesky(0 if self._small else self._free)
         if not self._small:
             compiled.accumulator.prepare()
@@ -106,11 +107,14 @@ class SumOfSquares:
         return self._sensitivity.faint(self._full, curvature, self._curvature)
 
     def _curvature(self, full: Float) -> Float:
-        """That of the data along each free value."""
+        """That of the data along each free value; asked for several times at the end of a fit."""
+        last = self._last_curvature
+        if last is not None and np.array_equal(last[0], full):
+            return last[1]
         accumulator = self._compiled.accumulator
-        if self._small:
-            return _squares(accumulator.rows(full)[1])
-        return np.diag(accumulator.normal(full).matrix).copy()
+        found = _squares(accumulator.rows(full)[1]) if self._small else np.diag(accumulator.normal(full).matrix).copy()
+        self._last_curvature = full.copy(), found
+        return found
 
     def cholesky(self, size: int) -> Cholesky:
         """What factors the matrix of `size` of the values."""

@@ -40,8 +40,8 @@ class Problem:
 
     `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
     "auto" in its place. `channels` names the channel of a model input where the names differ. `unknown_shifts` names,
-    by dataset, the channels whose shift is to be found. `restraints` are those of tables with a
-    chosen smoothness.
+    by dataset, the channels whose shift is to be found. `restraints` are those of tables with
+    a chosen smoothness.
     """
 
     model: Model
