@@ -1,15 +1,18 @@
 """Array types shared by the whole house; shapes are named in comments, `Float[samples]`."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ArrayLike", "Bool", "Float", "Int", "aligned", "readonly", "silent"]
+__all__ = ["ArrayLike", "Bool", "Float", "Int", "Sparse", "aligned", "readonly", "silent"]
 
 LINE = 8  # doubles in a cache line
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
+Sparse = Any  # scipy.sparse.csr_array of float64; scipy has no type annotations
 
 
 def readonly(values: ArrayLike) -> Float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.trust import estimate, spectrum
+from kennfeld.optimize.trust import spectrum
 from kennfeld.optimize.trust.spectrum import Spectrum, root
 
 
@@ -21,7 +21,7 @@ def test_a_sound_matrix_is_inverted_and_its_weakest_directions_come_first():
     rows = rows_with([])
     spectrum = Spectrum.of_matrix(rows.T @ rows)
     assert spectrum.null.shape[1] == 0
-    assert spectrum.inverse == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-6)
+    assert spectrum.inverse.array == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-6)
     scaled = rows / spectrum.scale
     values = np.linalg.eigvalsh(scaled.T @ scaled)
     assert spectrum.weakness == pytest.approx(values, rel=1e-6)
@@ -30,7 +30,7 @@ def test_a_sound_matrix_is_inverted_and_its_weakest_directions_come_first():
 def test_rows_and_their_product_tell_the_same():
     rows = rows_with([])
     a, b = Spectrum.of_rows(rows), Spectrum.of_matrix(rows.T @ rows)
-    assert a.inverse == pytest.approx(b.inverse, rel=1e-6, abs=0)
+    assert a.inverse.array == pytest.approx(b.inverse.array, rel=1e-6, abs=0)
     assert a.weakness == pytest.approx(b.weakness, rel=1e-6)
 
 
@@ -47,8 +47,8 @@ def test_what_is_not_determined_is_found_and_left_out_of_the_inverse(make):
     assert sorted(pairs) == [[1, 7], [2, 5]]
     kept = [0, 3, 4, 6]
     matrix = (scaled * 10.0 ** np.arange(8)).T @ (scaled * 10.0 ** np.arange(8))
-    assert matrix @ spectrum.inverse @ matrix == pytest.approx(matrix, rel=1e-5)
-    assert np.all(np.diag(spectrum.inverse)[kept] > 0)
+    assert matrix @ spectrum.inverse.array @ matrix == pytest.approx(matrix, rel=1e-5)
+    assert np.all(spectrum.inverse.diagonal[kept] > 0)
 
 
 def test_rows_see_what_their_product_has_squared_away():
@@ -79,11 +79,3 @@ def test_a_large_matrix_is_inverted_by_its_factor_to_the_same():
     np.testing.assert_allclose(found, spectrum._inverse(matrix), atol=1e-12 * np.abs(found).max())
     with pytest.raises(np.linalg.LinAlgError):
         spectrum._inverse_by_factor(np.ones((3, 3)))
-
-
-def test_products_with_a_matrix_of_mostly_zeros_are_those_of_the_whole_one(monkeypatch):
-    rng = np.random.default_rng(0)
-    rows, matrix = rng.normal(size=(30, 30)), np.diag(rng.normal(size=30))
-    monkeypatch.setattr(estimate, "LARGE", 10)
-    np.testing.assert_allclose(estimate._quadratic(rows, matrix), np.diag(rows @ matrix @ rows.T))
-    np.testing.assert_allclose(estimate._quadratic(rows, matrix + 1), np.diag(rows @ (matrix + 1) @ rows.T))

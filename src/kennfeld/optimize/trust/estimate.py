@@ -29,6 +29,7 @@ from kennfeld.optimize.limits.output_limits import Touched
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.problem import Compiled
 from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.trust.matrices import Matrix, compressed, part, scaled, whole
 from kennfeld.optimize.trust.noise import Group, rescored, variances
 from kennfeld.optimize.trust.pivoting import nullity, pivots
 from kennfeld.optimize.trust.pressing import Pressed, pressing
@@ -38,23 +39,22 @@ from kennfeld.optimize.trust.spectrum import Spectrum, root
 __all__ = ["Estimate", "estimate"]
 
 PART = 1e-4  # relative part in undetermined directions that is not rounding
-LARGE, SPARSE = 1000, 0.05  # rows, and share of a matrix that is not 0, at which products leave out zeros
 
 
 @dataclass(frozen=True)
 class Estimate:
     """What is known of the values around the end of a fit.
 
-    Matrices are over the values that can move independently and that data or smoothness inform. `noise` is M, None
-    where all samples have one noise and it is phi H_data.
+    Matrices are over the values that can move independently and that data or smoothness inform, sparse where these are
+    many. `noise` is M, None where all samples have one noise and it is phi H_data.
     """
 
     reduction: Reduction
     seen: Bool  # Bool[independent]: those that the matrices are over
     spectrum: Spectrum
-    data: Float  # curvature of the data
-    smoothness: Float  # curvature of the smoothness
-    noise: Float | None
+    data: Matrix  # curvature of the data
+    smoothness: Matrix  # curvature of the smoothness
+    noise: Matrix | None
     dispersion: float  # phi: variance per unit of cost
     groups: tuple[Group, ...]
     variances: tuple[float, ...]  # of psi at weight 1, for each group
@@ -66,7 +66,7 @@ class Estimate:
     @cached_property
     def error(self) -> Float:
         """Covariance of the values' errors, the smoothness being as wrong as its factor claims."""
-        inverse = self.spectrum.inverse
+        inverse = self.spectrum.inverse.array
         if self.noise is None:
             return self.dispersion * inverse
         found: Float = inverse @ self._claimed @ inverse
@@ -75,7 +75,8 @@ class Estimate:
     @cached_property
     def scatter(self) -> Float:
         """Covariance of the values over repeated measurements."""
-        found: Float = self.spectrum.inverse @ self._noisy @ self.spectrum.inverse
+        inverse = self.spectrum.inverse.array
+        found: Float = inverse @ self._noisy @ inverse
         return found
 
     @property
@@ -87,25 +88,25 @@ class Estimate:
     @property
     def distance(self) -> float:
         """How far the linearised cost would still move a value to its least, in standard deviations of that value."""
-        step = np.abs(self.spectrum.inverse @ self.gradient)
+        step = np.abs(self.spectrum.inverse.times(self.gradient))
         sure = np.sqrt(np.maximum(self._variances(None, error=True), 0.0))
         known = np.isfinite(sure) & (sure > 0) & ~self.spectrum.loose
         return float(np.max(step[known] / sure[known], initial=0.0))
 
     @property
-    def _noisy(self) -> Float:
+    def _noisy(self) -> Matrix:
         """The variance of the gradient, M."""
         return self.dispersion * self.data if self.noise is None else self.noise
 
     @property
-    def _claimed(self) -> Float:
+    def _claimed(self) -> Matrix:
         """M + phi S: the same, the smoothness being as wrong as its factor claims."""
         return self._noisy + self.dispersion * self.smoothness
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom that the fit used up, trace(H^-1 H_data)."""
-        return float(np.sum(self.spectrum.inverse * self.data))
+        return self.spectrum.inverse.trace(self.data)
 
     def expand(self, changes: Float) -> Float:
         """Changes of all values, from those the matrices are over, in the last dimension."""
@@ -144,12 +145,12 @@ class Estimate:
     @property
     def by_smoothness(self) -> int:
         """The number of independent changes of values that samples reach which smoothness alone determines."""
-        if not self.smoothness.any():
+        if not self.smoothness.diagonal().any():
             return 0
-        met = np.flatnonzero(np.diag(self.data) > 0)
+        met = np.flatnonzero(self.data.diagonal() > 0)
         null = self.spectrum.null[met]
         open_ones = int(np.linalg.matrix_rank(null, tol=PART)) if null.size else 0
-        return max(nullity(self.data[np.ix_(met, met)]) - open_ones, 0)
+        return max(nullity(part(self.data, met)) - open_ones, 0)
 
     def deviation(self, *, error: bool) -> Float:
         """Standard deviation of all values, of their error or else of their scatter; inf where undetermined."""
@@ -164,11 +165,14 @@ class Estimate:
     def _variances(self, functions: Float | None, *, error: bool) -> Float:
         """The variance of linear functions of the values, given as rows; of the values themselves by default."""
         inverse = self.spectrum.inverse
-        rows = inverse if functions is None else functions @ inverse
         if error and self.noise is None:
-            own = np.diag(inverse) if functions is None else np.einsum("ij,ij->i", rows, functions)
-            return self.dispersion * own
-        return _quadratic(rows, self._claimed if error else self._noisy)
+            own = inverse.diagonal if functions is None else (inverse.times(functions) * functions).sum(axis=1)
+            return np.asarray(self.dispersion * own, dtype=np.float64)
+        matrix = self._claimed if error else self._noisy
+        if functions is None:
+            return inverse.sandwich(matrix)
+        rows = inverse.times(functions)
+        return np.asarray((rows @ matrix * rows).sum(axis=1), dtype=np.float64)
 
     def covariance(self, *, scatter: bool) -> Float:
         """Covariance of all values: of their error, or of their scatter."""
@@ -180,7 +184,7 @@ class Estimate:
 
     def covariance_of(self, functions: Float) -> Float:
         """Covariance of the errors of linear functions, given as rows over the values the matrices are over."""
-        rows = functions @ self.spectrum.inverse
+        rows = self.spectrum.inverse.times(functions)
         found: Float = self.dispersion * (rows @ functions.T) if self.noise is None else rows @ self._claimed @ rows.T
         return found
 
@@ -190,27 +194,13 @@ class Estimate:
         The diagonal of R H^-1 R, where R is the symmetric root of H_data in units of its diagonal. It lies between 0
         and 1 and sums up to trace(H^-1 H_data).
         """
-        own = np.sqrt(np.diag(self.data))
+        own = np.sqrt(self.data.diagonal())
         met = np.flatnonzero(own > 0)
-        part = np.ix_(met, met)
-        units = np.outer(own[met], own[met])
-        half = root(self.data[part] / units)
-        parts = np.einsum("ij,ij->i", half @ (self.spectrum.inverse[part] * units), half)
+        half = root(whole(scaled(part(self.data, met), 1 / own[met])))
+        parts = np.einsum("ij,ij->i", half @ scaled(part(self.spectrum.inverse.array, met), own[met]), half)
         found = np.zeros(self.reduction.size)
         found[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
         return found
-
-
-def _quadratic(rows: Float, matrix: Float) -> Float:
-    """Return r'Mr of each row r. In a large M most is 0, since values far from each other share no sample."""
-    if len(rows) > LARGE and np.count_nonzero(matrix) < SPARSE * matrix.size:
-        from scipy.sparse import csr_array
-
-        products = rows @ csr_array(matrix)
-    else:
-        products = rows @ matrix
-    found: Float = np.einsum("ij,ij->i", products, rows)
-    return found
 
 
 ALONE = Settings(max_iterations=20, tolerance=1e-4)  # of the descent to where the data alone would have the values
@@ -227,7 +217,7 @@ def estimate(
     """
     groups = judge(values)
     measured = _Measured(compiled, values, groups)
-    if not (np.isfinite(measured.data).all() and np.isfinite(measured.gradient).all()):
+    if not measured.finite:
         return None
     rows = active_rows(limits, values)
     outputs = np.zeros((0, values.size)) if touched is None else touched.rows
@@ -260,22 +250,22 @@ def _reduced(
 ) -> Estimate:
     """The estimate for the values that move independently, with the noise of the groups, or a known one."""
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
-    seen = np.diag(data) + np.diag(smoothness) > 0
-    part = np.ix_(seen, seen)
-    if not seen.all():
-        data, smoothness = data[part], smoothness[part]
-    if measured.rows is None:
+    seen = data.diagonal() + smoothness.diagonal() > 0
+    data, smoothness = part(data, seen), part(smoothness, seen)
+    each = [data] if len(groups) == 1 else [part(reduction.matrix(m), seen) for m in measured.parts]
+    if measured.rows is not None:
+        spectrum = Spectrum.of_rows(reduction.rows(measured.rows)[:, seen])
+    elif isinstance(data, np.ndarray):
         spectrum = Spectrum.of_matrix(data + smoothness)
     else:
-        spectrum = Spectrum.of_rows(reduction.rows(measured.rows)[:, seen])
-    each = [data] if len(groups) == 1 else [reduction.matrix(m)[part] for m in measured.parts]
-    used = [float(np.sum(spectrum.inverse * one)) for one in each]
+        spectrum = Spectrum.of_sparse(data + smoothness, sum(map(abs, each), abs(data) + abs(smoothness)))
+    used = [spectrum.inverse.trace(one) for one in each]
     found = known or variances(groups, used)
     shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, found, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
     noise = None
     if len(groups) > 1:
-        noise = np.sum([share * one for share, one in zip(shares, each, strict=True)], axis=0)
+        noise = sum(share * one for share, one in zip(shares, each, strict=True))
     return Estimate(
         reduction=reduction,
         seen=seen,
@@ -287,8 +277,8 @@ def _reduced(
         groups=tuple(groups),
         variances=tuple(found),
         gradient=reduction.vector(measured.gradient)[seen],
-        own=np.diag(measured.data),
-        informed=np.diag(measured.data) + np.diag(measured.smoothness) > 0,
+        own=measured.data.diagonal(),
+        informed=measured.data.diagonal() + measured.smoothness.diagonal() > 0,
     )
 
 
@@ -300,19 +290,21 @@ class _Measured:
         self._full = self.whole(values)
         objective = SumOfSquares(compiled)
         self.gradient = objective.normal(values)[0].copy()
-        self.smoothness = np.zeros((values.size, values.size))
-        compiled.roughness.add(values, np.zeros(values.size), self.smoothness)
+        self._faint = objective.faint(values)
+        smoothness = np.zeros((values.size, values.size))
+        compiled.roughness.add(values, np.zeros(values.size), smoothness)
         self.rows: Float | None = None
-        accumulator, faint = self._bread(), objective.faint(values)
+        self._sparse = False
+        accumulator = self._bread()
         if objective.small:
             _, jacobian = accumulator.rows(self._full)
-            jacobian[:, faint] = 0.0
-            self.data = jacobian.T @ jacobian
+            jacobian[:, self._faint] = 0.0
+            data = jacobian.T @ jacobian
             self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
         else:
-            self.data = accumulator.normal(self._full).matrix.copy()
-            self.data[faint, :] = 0.0
-            self.data[:, faint] = 0.0
+            data = self._matrix(accumulator)
+            self._sparse = compressed(data, smoothness)
+        self.data, self.smoothness = self._kept(data), self._kept(smoothness)
 
     def whole(self, values: Float) -> Float:
         """The free values and behind them the fixed ones."""
@@ -329,7 +321,28 @@ class _Measured:
         factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
         return Accumulator(self._compiled.kernel, rescored(self._compiled, factors))
 
+    @property
+    def finite(self) -> bool:
+        """Whether the model has derivatives there."""
+        entries = self.data.data if self._sparse else self.data
+        return bool(np.isfinite(entries).all() and np.isfinite(self.gradient).all())
+
+    def _matrix(self, accumulator: Accumulator) -> Float:
+        """The curvature of some data; it holds until the next call."""
+        matrix = accumulator.normal(self._full).matrix
+        matrix[self._faint, :] = 0.0
+        matrix[:, self._faint] = 0.0
+        return matrix
+
+    def _kept(self, matrix: Float) -> Matrix:
+        """The matrix in memory of its own, sparse where all of them are."""
+        if not self._sparse:
+            return matrix.copy()
+        from scipy.sparse import csr_array
+
+        return csr_array(matrix)
+
     @cached_property
-    def parts(self) -> list[Float]:
+    def parts(self) -> list[Matrix]:
         """The curvature of each group's data."""
-        return [self._rescored([group]).normal(self._full).matrix.copy() for group in self._groups]
+        return [self._kept(self._matrix(self._rescored([group]))) for group in self._groups]

@@ -3,6 +3,8 @@
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.optimize.trust.matrices import Matrix, scaled
 
 __all__ = ["echelon", "nullity", "pivots"]
 
@@ -50,18 +52,21 @@ def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
     return found
 
 
-def nullity(matrix: Float) -> int:
+def nullity(matrix: Matrix) -> int:
     """Count the directions in which a positive semidefinite matrix is zero, relative to its diagonal; that is > 0.
 
     >>> nullity(np.array([[1.0, 2.0], [2.0, 4.0]]))
     1
     """
-    scale = np.sqrt(np.diag(matrix))
-    scaled = matrix / np.outer(scale, scale)
+    units = scaled(matrix, 1 / np.sqrt(matrix.diagonal()))
+    if not isinstance(units, np.ndarray):
+        from scipy.sparse import csr_array, eye_array
+
+        return BlockFactor(csr_array(units - SOUND * eye_array(units.shape[0]))).negative
     try:
-        np.linalg.cholesky(scaled - SOUND * np.eye(scale.size))
+        np.linalg.cholesky(units - SOUND * np.eye(len(units)))
     except np.linalg.LinAlgError:
         from scipy.linalg.lapack import dpstrf
 
-        return scale.size - int(dpstrf(scaled, tol=SOUND, lower=1)[2])
+        return len(units) - int(dpstrf(units, tol=SOUND, lower=1)[2])
     return 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.limits.output_limits import Touched
+from kennfeld.optimize.trust.inverse import Inverse
 
 __all__ = ["Pressed", "multipliers", "pressing"]
 
@@ -40,13 +41,13 @@ class Pressed:
     sides: Int  # Int[held]
 
 
-def pressing(touched: Touched, rows: Float, inverse: Float, gradient: Float, dispersion: float) -> Pressed:
+def pressing(touched: Touched, rows: Float, inverse: Inverse, gradient: Float, dispersion: float) -> Pressed:
     """What the limits hold; rows, inverse of the curvature and half the gradient are over the values that move.
 
     `dispersion` is the noise of the cost, phi.
     """
-    gram = rows @ inverse @ rows.T
-    beyond = touched.excess - rows @ (inverse @ gradient)
+    gram = inverse.times(rows) @ rows.T
+    beyond = touched.excess - rows @ inverse.times(gradient)
     presses = multipliers(gram, beyond) > 0
     if not (presses.any() and dispersion > 0):
         return Pressed(touched, presses, np.zeros((0, touched.rows.shape[1])), np.zeros(0, dtype=np.int64))

@@ -6,6 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.limits.limits import Limits
+from kennfeld.optimize.trust.matrices import Matrix, part
 
 __all__ = ["Reduction", "active_rows", "held"]
 
@@ -84,16 +85,21 @@ class Reduction:
         full[..., self.dependent] = changes @ self.follow.T
         return full
 
-    def matrix(self, matrix: Float) -> Float:
+    def matrix(self, matrix: Matrix) -> Matrix:
         """Z'MZ, where Z expands changes of the independent values; M itself where all of them are."""
-        if self.independent.size == self.size:
-            return matrix
-        found: Float = matrix[np.ix_(self.independent, self.independent)]
-        if self.dependent.size:
+        found = part(matrix, self.independent)
+        if not self.dependent.size:
+            return found
+        if isinstance(matrix, np.ndarray):
             cross = self.follow.T @ matrix[np.ix_(self.dependent, self.independent)]
             found = found + cross + cross.T
             found += self.follow.T @ matrix[np.ix_(self.dependent, self.dependent)] @ self.follow
-        return found
+            return found
+        from scipy.sparse import csr_array
+
+        follow = csr_array(self.follow)
+        cross = follow.T @ matrix[self.dependent][:, self.independent]
+        return csr_array(found + cross + cross.T + follow.T @ part(matrix, self.dependent) @ follow)
 
     def vector(self, vector: Float) -> Float:
         """Z'v."""

@@ -11,7 +11,9 @@ from itertools import combinations, permutations
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.estimate import Estimate
+from kennfeld.optimize.trust.matrices import Matrix, part
 from kennfeld.optimize.trust.shapes import Shape
 
 __all__ = ["Weak", "weak_directions"]
@@ -30,6 +32,7 @@ SIMPLER = 30.0  # times the ratio that a direction of one table less may have
 PLAINER = 4.0  # times the ratio that a direction may have that shifts one table less, or lets one less follow another
 NEW = 0.2  # share of a named direction that those found before must not span
 MOSTLY_NEW = 0.8  # the same for one without a name
+RIDGE = 1e-12  # of the diagonal, so that adapted values exist where nothing determines them
 MANY = 48  # shapes from which only two are tried together
 
 
@@ -103,7 +106,7 @@ class _Search:
 
     def __init__(self, estimate: Estimate, shapes: Sequence[Shape], rows: Float) -> None:
         self.data, self.total = estimate.data, estimate.data + estimate.smoothness
-        self.diagonal = np.maximum(np.diag(self.data), EXACT * np.diag(self.total))
+        self.diagonal = np.maximum(self.data.diagonal(), EXACT * self.total.diagonal())
         self.root = np.sqrt(self.diagonal)
         self.covariance = estimate.covariance_of
         self.null, self.scale = estimate.spectrum.null, estimate.spectrum.scale
@@ -228,10 +231,8 @@ class _Search:
         groups = [np.searchsorted(self.numbers, trial.shapes) for trial in best]
         used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
-        inner = self.total[np.ix_(where, where)]
-        inner = inner + 1e-12 * np.diag(np.diag(inner))
         parts = (self.rows[used] * self.diagonal)[:, where]
-        reach = np.linalg.solve(inner, parts.T)
+        reach = _adapted(part(self.total, where), parts.T)
         for trial, group in zip(best, groups, strict=True):
             at = np.searchsorted(used, group)
             weights = np.array(trial.amounts) * self.length[group]
@@ -241,3 +242,13 @@ class _Search:
             alike = float(weights @ weights) / float(change @ (self.diagonal * change))
             if found.ratio < self._near(group) and alike > ALIKE:
                 yield found
+
+
+def _adapted(matrix: Matrix, right: Float) -> Float:
+    """Solve with a matrix that may be singular."""
+    ridge = RIDGE * matrix.diagonal()
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.linalg.solve(matrix + np.diag(ridge), right), dtype=np.float64)
+    from scipy.sparse import csr_array, diags_array
+
+    return BlockFactor(csr_array(matrix + diags_array(ridge))).solve(right)

@@ -1,10 +1,14 @@
 """What an information matrix determines: its inverse, and the directions in which it is small or nothing."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Sparse
+from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
+from kennfeld.optimize.trust.matrices import scaled, whole
 from kennfeld.optimize.trust.pivoting import echelon, pivots
 
 __all__ = ["Spectrum", "root"]
@@ -15,6 +19,8 @@ PART = 1e-8  # share of a value in undetermined directions, squared, that is not
 ALIKE = 1e-6  # relative difference up to which eigenvalues are one
 WEAKEST = 20  # how many directions are looked at
 LARGE, BLOCK = 1000, 256  # values from which an inverse is worth another library; rows at a time
+SHIFT = 1e-11  # of the diagonal, so that a matrix with open directions has an inverse
+MANY = 4  # share of values, one in so many, up to which open directions are looked for one by one
 ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
 
 
@@ -27,7 +33,7 @@ class Spectrum:
     """
 
     scale: Float  # Float[values]
-    inverse: Float  # Float[values, values], of H itself
+    inverse: Inverse  # of H itself
     null: Float  # Float[values, undetermined]
     weak: Float  # Float[values, directions]
     weakness: Float  # Float[directions], ascending
@@ -36,16 +42,36 @@ class Spectrum:
     def of_matrix(cls, matrix: Float) -> "Spectrum":
         """Of H itself; by its eigenvalues only where it is nearly singular: they cost five times an inverse."""
         scale = np.sqrt(np.diag(matrix))
-        scaled = matrix / scale
-        scaled /= scale[:, None]
-        inverse = _sound_inverse(scaled)
+        units = scaled(matrix, 1 / scale)
+        inverse = _sound_inverse(units)
         if inverse is None:
-            values, vectors = np.linalg.eigh(scaled)
+            values, vectors = np.linalg.eigh(units)
             return cls._of(scale, values, vectors, int(np.sum(values <= NOTHING * values[-1:])))
-        weakness, weak = _weakest(inverse)
+        weakness, weak = _weakest(lambda basis: inverse @ basis, scale.size)
         inverse /= scale
         inverse /= scale[:, None]
-        return cls(scale, inverse, np.zeros((scale.size, 0)), weak, weakness)
+        return cls(scale, DenseInverse(inverse), np.zeros((scale.size, 0)), weak, weakness)
+
+    @classmethod
+    def of_sparse(cls, matrix: Sparse, pattern: Sparse) -> "Spectrum":
+        """Of a sparse H, by its factor.
+
+        `pattern` has the non-zeros of H and of all matrices that the inverse will be asked about.
+        """
+        scale = np.sqrt(matrix.diagonal())
+        none = np.zeros((scale.size, 0))
+        inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
+        if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
+            weakness, weak = _weakest(inverse.factor.solve, scale.size)
+            return cls(scale, inverse, none, weak, weakness)
+        found = _lowest(scaled(matrix, 1 / scale))
+        if found is not None:
+            values, vectors, null = found
+            loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
+            inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
+            if inverse.factor.negative == 0:
+                return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
+        return cls.of_matrix(whole(matrix))
 
     @classmethod
     def of_rows(cls, rows: Float) -> "Spectrum":
@@ -62,7 +88,7 @@ class Spectrum:
         kept = vectors[:, null:] / scale[:, None]
         inverse = (kept / values[null:]) @ kept.T
         weak = slice(null, null + WEAKEST)
-        return cls(scale, inverse, vectors[:, :null], vectors[:, weak], values[weak])
+        return cls(scale, DenseInverse(inverse), vectors[:, :null], vectors[:, weak], values[weak])
 
     @property
     def loose(self) -> Bool:
@@ -115,14 +141,41 @@ def _inverse_by_factor(matrix: Float) -> Float:
     return found
 
 
-def _weakest(inverse: Float) -> tuple[Float, Float]:
+def _weakest(solve: Callable[[Float], Float], size: int) -> tuple[Float, Float]:
     """The smallest eigenvalues of a matrix and their eigenvectors, by subspace iteration with its inverse."""
-    count = min(WEAKEST, len(inverse))
-    basis = np.random.default_rng(0).standard_normal((len(inverse), count))
-    for _ in range(ROUNDS):
-        basis, _ = np.linalg.qr(inverse @ basis)
-    largest, turned = np.linalg.eigh(basis.T @ inverse @ basis)
+    basis = _turned(solve, size, WEAKEST)
+    largest, turned = np.linalg.eigh(basis.T @ solve(basis))
     return 1 / largest[::-1], basis @ turned[:, ::-1]
+
+
+def _turned(solve: Callable[[Float], Float], size: int, count: int) -> Float:
+    """An orthonormal basis that iteration with the inverse of a matrix has turned to its smallest eigenvalues."""
+    basis = np.random.default_rng(0).standard_normal((size, min(count, size)))
+    for _ in range(ROUNDS):
+        basis, _ = np.linalg.qr(solve(basis))
+    return basis
+
+
+def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
+    """Eigenvalues of a sparse matrix with a diagonal of ones that are 0, and the smallest others; and their vectors.
+
+    By subspace iteration with a shifted inverse. The last number counts those that are 0. None where there are so many
+    that all eigenvalues cost no more.
+    """
+    from scipy.sparse import csr_array, eye_array
+
+    size = matrix.shape[0]
+    shifted = BlockFactor(csr_array(matrix + SHIFT * eye_array(size)))
+    largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
+    count = 2 * WEAKEST
+    while shifted.negative == 0 and count <= size // MANY:
+        basis = _turned(shifted.solve, size, count)
+        values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
+        null = int(np.sum(values <= NOTHING * largest))
+        if null + WEAKEST <= count:
+            return values, basis @ turned, null
+        count *= 2
+    return None
 
 
 def _spread(basis: Float, most: int) -> Float:
