@@ -4,6 +4,7 @@ A search for new ones is asked for: `pytest --hypothesis-profile=search`.
 """
 
 import os
+import signal
 
 from hypothesis import HealthCheck, settings
 
@@ -11,6 +12,13 @@ from hypothesis import HealthCheck, settings
 # that tests start inherit it.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+# What starts the tests may ignore signals (`nohup`, a job in the background), and every process inherits that.
+for name in ("SIGHUP", "SIGTERM"):
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 os.environ.pop("COLUMNS", None)  # tables would follow the width of a terminal that pytest-xdist tells its workers
 
