@@ -24,17 +24,18 @@ WATCHED = {  # column: functions whose time it sums, by the module that calls th
     "differentiate": ("kennfeld.native.kernel:differentiate",),
     "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
     "LLVM": ("kennfeld.native.kernel:compiled",),
-    "data-only part": ("kennfeld.optimize.data.gathering:_preparation",),
+    "data-only part": ("kennfeld.preprocessing.samples:_preparation",),
 }
 
 
 def measure(nodes: int, states: int) -> dict[str, Any]:
     """One model, in a process of its own."""
+    from kennfeld.criteria import Criterion
     from kennfeld.dataset import Dataset
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Problem
+    from kennfeld.optimize import Problem
+    from kennfeld.optimize.compiled import Compiled
     from kennfeld.optimize.objective import SumOfSquares
-    from kennfeld.optimize.problem import Compiled
 
     content, parameters = random_formula.text(nodes, states), random_formula.parameters()
     random = np.random.default_rng(0)

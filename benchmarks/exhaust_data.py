@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map
 
 __all__ = ["COLUMNS", "FORMULAS", "NOISE", "load_drive", "parameters", "write_drive"]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.measure import peak, repeated, reset_peak
 from kennfeld.dataset import Dataset
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
 __all__ = ["measured"]
 
@@ -54,10 +54,11 @@ class _Ready:
     """A compiled problem that is evaluated at two points in turn, so that nothing can be kept from the last call."""
 
     def __init__(self, formula: str, target: str, node: str, parameters: ParameterSet, data: Dataset) -> None:
+        from kennfeld.criteria import Criterion
         from kennfeld.models.formula import formula as read
-        from kennfeld.optimize import Criterion, Problem
+        from kennfeld.optimize import Problem
+        from kennfeld.optimize.compiled import Compiled
         from kennfeld.optimize.objective import SumOfSquares
-        from kennfeld.optimize.problem import Compiled
 
         model = read(formula, parameters=list(parameters))
         compiled = Compiled(Problem(model, (data,), parameters, (Criterion(node, target),)))

@@ -16,8 +16,10 @@ SIDES = (44, 56)  # percentiles of the slopes of the fit without limits, which b
 
 def solve(limited: bool) -> dict[str, Any]:
     """One calibration of a process of its own, with or without limits."""
+    from kennfeld.constraints import Pin, Shape
+    from kennfeld.criteria import Criterion
     from kennfeld.models.formula import formula
-    from kennfeld.optimize import Criterion, Options, Pin, Problem, Shape, run
+    from kennfeld.optimize import Options, Problem, run
     from kennfeld.project.demo import torque
 
     def fitted(constraints: tuple[Shape, ...]) -> Any:

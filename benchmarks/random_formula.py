@@ -4,7 +4,8 @@ import random
 
 import numpy as np
 
-from kennfeld.parameters import Axis, Curve, Map, Parameter, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map, Parameter, Scalar
 
 __all__ = ["INPUTS", "parameters", "text"]
 

@@ -15,7 +15,7 @@ SMALL_VALUES = 64
 
 
 class _Sum:
-    """A problem as Kennfeld's solver sees it; see `kennfeld.optimize.solver.gauss_newton.Objective`."""
+    """A problem as Kennfeld's solver sees it; see `kennfeld.optimize.solver.levenberg_marquardt.Objective`."""
 
     def __init__(self, given: Given) -> None:
         self._given = given
@@ -43,8 +43,8 @@ class _Sum:
 
 
 def _kennfeld(given: Given, tolerance: float) -> Float:
-    from kennfeld.optimize.limits.limits import Limits
-    from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+    from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+    from kennfeld.optimize.solver.linear_constraints import Limits
 
     settings = Settings(max_iterations=CAP, tolerance=tolerance)
     return gauss_newton(_Sum(given), given.start, Limits.none(given.start.size), settings).values

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.import_report import ImportReport
+from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.parts import inspect_simulink
-from kennfeld.models.simulink.report import ImportReport
 
 
 def row(path: Path, given: dict[str, Any], beside: Path) -> str:

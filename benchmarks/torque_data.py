@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.dataset import Dataset
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map
 from kennfeld.project.demo import torque
-from kennfeld.project.demo.engine import torque as engine_torque
+from kennfeld.project.demo.petrol_engine import torque as engine_torque
 
 __all__ = ["COLUMNS", "load_points", "parameters", "write_points"]
 

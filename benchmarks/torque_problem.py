@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from kennfeld.dataset import Dataset
-from kennfeld.parameters import Axis, ParameterSet
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis
 from kennfeld.project.demo import torque
 
 __all__ = ["NAMES", "PIN", "Cells", "TorqueProblem", "problem"]

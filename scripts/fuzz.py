@@ -160,7 +160,7 @@ def _read(path: Path) -> bool:
     """Read a file as the commands do. Whatever is no finding is raised."""
     from kennfeld import calfiles, measurement
     from kennfeld.errors import InputError
-    from kennfeld.terminal.contents import contents
+    from kennfeld.terminal.file_info import contents
 
     good = False
     for work in (

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 
 from kennfeld import cli, read_parameters
 from kennfeld.measurement import cache as caching
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 from kennfeld.project.demo import write
 from kennfeld.terminal import progress
 
@@ -485,7 +486,7 @@ class TestAFolderThatCannotBeWritten:
         def fails(path):
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("kennfeld.project.replacement._sync", fails)
+        monkeypatch.setattr("kennfeld.project.folder_replacement._sync", fails)
 
     def test_costs_neither_the_table_nor_the_values(self, project, tmp_path, capsys, monkeypatch):
         monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -893,6 +894,6 @@ def test_an_end_of_file_that_nobody_expects_is_not_taken_for_ctrl_c(monkeypatch)
     def fail(*arguments):
         raise EOFError("unexpected")
 
-    monkeypatch.setattr("kennfeld.terminal.contents.contents", fail)
+    monkeypatch.setattr("kennfeld.terminal.file_info.contents", fail)
     with pytest.raises(EOFError, match="unexpected"):
         cli.run(["info", "bench.csv"])

@@ -1,6 +1,7 @@
 import pytest
 
-from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, nearest, visible
+from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, visible
+from kennfeld.formatting import nearest
 
 
 def test_everything_raised_on_purpose_has_one_root():

@@ -21,7 +21,7 @@ from simulink_files import Model
 
 from kennfeld import Project, cli, formula
 from kennfeld.project.demo import write
-from kennfeld.project.training import read_training
+from kennfeld.project.surrogate_training import read_training
 
 ROOT = Path(__file__).parents[1]
 PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.errors import ArgumentError
-from kennfeld.expansion import Expansion
+from kennfeld.rbf import Expansion
 
 
 def random_expansion(seed, inputs=2, centres=5):
@@ -50,7 +50,7 @@ def test_many_points_give_what_each_gives_alone(monkeypatch):
     model = random_expansion(0)
     x = np.random.default_rng(1).normal(size=(50, 2))
     whole, slopes = model(x), model.gradient(x)
-    monkeypatch.setattr("kennfeld.expansion.BLOCK", 12)
+    monkeypatch.setattr("kennfeld.rbf.BLOCK", 12)
     np.testing.assert_allclose(model(x), whole, rtol=1e-14)
     np.testing.assert_allclose(model.gradient(x), slopes, rtol=1e-13, atol=1e-15)
 

@@ -9,7 +9,8 @@ import pytest
 
 from kennfeld import parameters as module
 from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text, parameter, use_writer
+from kennfeld.parameter_set import ParameterSet, use_writer
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text, parameter
 
 
 def test_an_axis_holds_its_breakpoints_as_doubles():

@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from kennfeld.whole_files import replacing, write_whole
+from kennfeld.atomic_files import replacing, write_whole
 
 posix = pytest.mark.skipif(os.name != "posix", reason="permissions and links as POSIX has them")
 

@@ -16,18 +16,20 @@ if TYPE_CHECKING:
 
     from kennfeld.analysis import cross_validate
     from kennfeld.calfiles import read as read_parameters
+    from kennfeld.constraints import Limit, Pin
+    from kennfeld.criteria import Criterion, Region
     from kennfeld.dataset import Channel, Dataset, Settling
     from kennfeld.errors import InputError, InputWarning, KennfeldError
-    from kennfeld.expansion import Expansion
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
     from kennfeld.models.simulink.importing import simulink
-    from kennfeld.optimize import Criterion, Limit, Options, Pin, Region, Result, Step, Stop, calibrate, simulate
-    from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+    from kennfeld.optimize import Options, Result, Step, Stop, calibrate, simulate
+    from kennfeld.parameter_set import ParameterSet
+    from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
     from kennfeld.project import Project
-    from kennfeld.rbf import RBF
+    from kennfeld.rbf import RBF, Expansion
 
 __all__ = [
     "RBF",
@@ -68,34 +70,36 @@ __all__ = [
 
 __version__ = "0.1.0"
 
-_ROOMS = {
+_MODULES = {
     "analysis": ("cross_validate",),
     "calfiles": ("read_parameters",),
+    "constraints": ("Limit", "Pin"),
+    "criteria": ("Criterion", "Region"),
     "dataset": ("Channel", "Dataset", "Settling"),
     "errors": ("InputError", "InputWarning", "KennfeldError"),
-    "expansion": ("Expansion",),
     "graph": ("Graph",),
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
     "models.simulink.importing": ("simulink",),
-    "optimize": ("Criterion", "Limit", "Options", "Pin", "Region", "Result", "Step", "Stop", "calibrate", "simulate"),
-    "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "ParameterSet", "Scalar", "Text"),
+    "optimize": ("Options", "Result", "Step", "Stop", "calibrate", "simulate"),
+    "parameter_set": ("ParameterSet",),
+    "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "Scalar", "Text"),
     "project": ("Project",),
-    "rbf": ("RBF",),
+    "rbf": ("RBF", "Expansion"),
 }
-_ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
-_NAME_INSIDE = {"read_parameters": "read"}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+_NAME_THERE = {"read_parameters": "read"}
 
 
 def __getattr__(name: str) -> "Any":
-    if name not in _ROOM_OF:
-        from kennfeld.errors import nearest
+    if name not in _MODULE_OF:
+        from kennfeld.formatting import nearest
 
         raise AttributeError(f"module 'kennfeld' has no attribute {name!r}. {nearest(name, __all__)}".strip())
-    found = getattr(import_module(f"kennfeld.{_ROOM_OF[name]}"), _NAME_INSIDE.get(name, name))
-    globals()[name] = found
-    return found
+    value = getattr(import_module(f"kennfeld.{_MODULE_OF[name]}"), _NAME_THERE.get(name, name))
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -14,7 +14,7 @@ from kennfeld.terminal.output import complain, say
 from kennfeld.terminal.signals import end_like_ctrl_c
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.leaving import Leaving
+    from kennfeld.analysis.extrapolation import Leaving
     from kennfeld.optimize import Result
     from kennfeld.project import Project
 
@@ -129,9 +129,9 @@ def train(
     ],
 ) -> int:
     """Train a data-driven model on recordings, and write it as one file that a project can name."""
-    from kennfeld.project.training import read_training
+    from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate import write_surrogate
-    from kennfeld.terminal.surrogates import summary
+    from kennfeld.terminal.result_lines import summary
 
     training = read_training(path)
     made = training.train(lambda line: say(line))
@@ -161,7 +161,7 @@ def demo(
     """Write a ready project with its data, and run it."""
     from kennfeld.project import Project
     from kennfeld.project.demo import closing, prepare, projects, write
-    from kennfeld.terminal.table import aligned
+    from kennfeld.terminal.output import aligned
 
     path = write(name, folder or Path(f"kennfeld-demo-{name}"))
     prepare(name, path.parent, say)
@@ -180,9 +180,9 @@ def check(path: ProjectFile) -> int:
 
     Each comes with its place and the mend, on stderr; nothing is fitted.
     """
-    from kennfeld.optimize.limits.projection import movable
+    from kennfeld.optimize.projection import movable
     from kennfeld.project import Project
-    from kennfeld.project.toml import is_training, read_toml
+    from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
         return _check_training(path)
@@ -201,7 +201,7 @@ def _soundness(findings: Sequence[Finding]) -> str:
 
 
 def _check_training(path: Path) -> int:
-    from kennfeld.project.training import read_training
+    from kennfeld.project.surrogate_training import read_training
 
     training = read_training(path)
     datasets, findings = training.check()
@@ -265,9 +265,8 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 
     from kennfeld.analysis import cross_validated
     from kennfeld.project.results import write_text
-    from kennfeld.terminal.interrupt import Interrupt
-    from kennfeld.terminal.progress import display
-    from kennfeld.terminal.table import aligned
+    from kennfeld.terminal.output import aligned
+    from kennfeld.terminal.progress import Interrupt, display
 
     try:
         with Interrupt() as interrupt, display("compiling") as shown:
@@ -283,15 +282,13 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
-    from kennfeld.calfiles.json_values import write_json
+    from kennfeld.calfiles.json_file import write_json
     from kennfeld.project.fallback import write_somewhere
     from kennfeld.project.results import require_room
     from kennfeld.report import safely
-    from kennfeld.terminal.choices import choices
-    from kennfeld.terminal.findings import left_data, left_open
-    from kennfeld.terminal.interrupt import Interrupt
-    from kennfeld.terminal.progress import display
-    from kennfeld.terminal.table import aligned
+    from kennfeld.terminal.output import aligned
+    from kennfeld.terminal.progress import Interrupt, display
+    from kennfeld.terminal.result_lines import choices, left_data, left_open
 
     require_room(folder)
     findings = _sound(project)
@@ -334,8 +331,8 @@ def _left(project: "Project", result: "Result") -> "Sequence[Leaving]":
     """Where surrogates are used outside the data they were trained on."""
     if not project.surrogates:
         return ()
-    from kennfeld.analysis.leaving import leaving
-    from kennfeld.optimize.choice.lag import moved
+    from kennfeld.analysis.extrapolation import leaving
+    from kennfeld.optimize.tuning.shift_estimation import moved
 
     return leaving(moved(project.problem(), result.shifts), result.parameters)
 
@@ -379,9 +376,9 @@ def simulate(
     written = write_simulation(datasets, output or path.parent / "simulation.parquet")
     say(*(f"{data.name}: {data.samples} samples" for data in datasets))
     if project.surrogates:
-        from kennfeld.analysis.leaving import leaving
-        from kennfeld.project.simulation import replaced
-        from kennfeld.terminal.findings import left_data
+        from kennfeld.analysis.extrapolation import leaving
+        from kennfeld.project.project import replaced
+        from kennfeld.terminal.result_lines import left_data
 
         problem = project.problem()
         say(*left_data(leaving(problem, replaced(problem, values)), ""))
@@ -444,8 +441,8 @@ def info(
     """
     import json
 
-    from kennfeld.terminal.contents import Part, contents
-    from kennfeld.terminal.search import searched
+    from kennfeld.terminal.file_info import Part, contents
+    from kennfeld.terminal.label_search import searched
 
     found = contents(path, a2l, Part(subsystem, values or (), folders or (), _bindings(bind)))
     if search.strip():
@@ -490,7 +487,7 @@ def convert(
     companion = [target.with_suffix(".json")] if is_model and target.suffix.lower() == ".kf" else []
     _require_new(force, target, *companion)
     if is_model:
-        from kennfeld.models.simulink.text import write_formula
+        from kennfeld.models.simulink.formula_export import write_formula
 
         made = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))
         say(*(f"Written to {path}" for path in made))
@@ -533,7 +530,7 @@ def diff(
     import json
 
     from kennfeld import calfiles
-    from kennfeld.terminal.differences import differing, labels
+    from kennfeld.terminal.diff_lines import differing, labels
 
     allowed = calfiles.Tolerance(tolerance, relative)
     (one, other), remarks = calfiles.read_several([left, right], a2l)
@@ -561,7 +558,7 @@ def merge(
 ) -> int:
     """Put several calibration files together, and tell what was replaced or added."""
     from kennfeld import calfiles
-    from kennfeld.terminal.differences import changed, labels
+    from kennfeld.terminal.diff_lines import changed, labels
 
     if len(sources) < 2:
         raise InputError.of("merge", f"{sources[0]} alone is nothing to merge", "Name two files or more.")

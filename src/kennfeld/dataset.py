@@ -7,7 +7,8 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
 from kennfeld.numeric import array, number, truths
 
 __all__ = ["PAUSE", "Channel", "Clock", "Dataset", "Settling", "Use", "concatenate"]

@@ -9,21 +9,16 @@
 A fit that does not converge is no exception: it is a `Result` whose status says so.
 """
 
-import difflib
 import re
 import sys
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from heapq import nlargest
-from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import Literal
 
-__all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "nearest", "visible", "warn"]
-
-_MANY = 1000  # names, beyond which only those that share the most pairs of letters are compared in full
+__all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "visible", "warn"]
 
 # control characters but tab and newline, and what is invisible or turns the direction of writing
 _UNSEEN = re.compile(
@@ -110,20 +105,3 @@ def _frames_inside() -> int:
     while frame is not None and frame.f_code.co_filename.startswith(package):
         frame, count = frame.f_back, count + 1
     return count
-
-
-def nearest(name: str, candidates: Iterable[str]) -> str:
-    """A question that offers the most similar name, or an empty string.
-
-    >>> nearest("Sped", ["Speed", "Load"])
-    'Did you mean Speed?'
-    """
-    names = list(candidates)
-    folded = {candidate.casefold(): candidate for candidate in names}
-    wanted = name.casefold()
-    close: Iterable[str] = folded
-    if len(folded) > _MANY:  # a full comparison takes 20 us each, and a file may have 50 000 channels
-        pairs = {*pairwise(wanted)}
-        close = nlargest(_MANY, folded, key=lambda candidate: len(pairs.intersection(pairwise(candidate))))
-    found = difflib.get_close_matches(wanted, close, n=1, cutoff=0.6)
-    return f"Did you mean {folded[found[0]]}?" if found else ""

@@ -76,7 +76,7 @@ def test_targets_held_back_are_not_seen(kind):
     data = line()
     problem = problem_of(LINE, data, START, target="y")
     first = cross_validated(problem, 3, kind).folds[0]
-    from kennfeld.analysis.folds import folds_of
+    from kennfeld.analysis.cross_validation import folds_of
 
     held = folds_of(problem.datasets, 3, kind, memory=False)[0].held[0]
     wild = replace(problem, datasets=(kf.Dataset.of("training", data | {"y": np.where(held, 1e6, data["y"])}),))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.analysis.folds import folds_of
+from kennfeld.analysis.cross_validation import folds_of
 
 lengths = st.lists(st.lists(st.integers(1, 30), min_size=1, max_size=4), min_size=1, max_size=3)
 

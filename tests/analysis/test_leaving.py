@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld import Criterion, Dataset, ParameterSet, Scalar, Settling, formula
-from kennfeld.analysis import leaving as module
-from kennfeld.analysis.leaving import leaving
-from kennfeld.expansion import Expansion
+from kennfeld.analysis import extrapolation as module
+from kennfeld.analysis.extrapolation import leaving
 from kennfeld.optimize import Problem
-from kennfeld.optimize import scoring as scoring_module
+from kennfeld.optimize import quality as scoring_module
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, Validity
 
 CORNERS = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])

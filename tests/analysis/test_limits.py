@@ -2,7 +2,8 @@ import numpy as np
 
 from kennfeld import Criterion, Curve, Dataset, Limit, Map, ParameterSet, Scalar, formula
 from kennfeld.analysis import output_ranges, pressing
-from kennfeld.optimize import Equality, Problem, Shape, Term
+from kennfeld.constraints import Equality, Shape, Term
+from kennfeld.optimize import Problem
 
 
 def problem_of(text, parameters, data, **more):

@@ -1,8 +1,8 @@
 """Small A2L files and images, for tests."""
 
 from kennfeld.calfiles.a2l import parse_a2l, read_parameters, stored
+from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import Notes
-from kennfeld.calfiles.images import read_image
 
 COMMON = '/begin MOD_COMMON "" BYTE_ORDER MSB_LAST /end MOD_COMMON'
 ADDRESS = 0x1000

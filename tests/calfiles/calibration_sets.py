@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 _letters = "abcXYZ019_.[]"

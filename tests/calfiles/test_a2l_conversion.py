@@ -6,9 +6,8 @@ from a2l_files import label, layout, method, module, parsed, read, write
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.calfiles.a2l.conversion import conversion_of
-from kennfeld.calfiles.a2l.cursor import UnusableError
-from kennfeld.calfiles.a2l.formula import arithmetic
+from kennfeld.calfiles.a2l.conversion import arithmetic, conversion_of
+from kennfeld.calfiles.a2l.syntax import UnusableError
 from kennfeld.parameters import Text
 
 TABLE = '/begin COMPU_TAB T "" TAB_INTP 3 0 10 2 30 4 35 {} /end COMPU_TAB'

@@ -11,8 +11,8 @@ import pytest
 from a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
 
 from kennfeld.calfiles.a2l import described, parse_a2l, read_parameters, stored
+from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import Notes
-from kennfeld.calfiles.images import read_image
 from kennfeld.errors import InputError
 
 TABLE = ["NO_AXIS_PTS_X 1 UBYTE", "NO_AXIS_PTS_Y 2 UBYTE", "AXIS_PTS_X 3 UWORD INDEX_INCR DIRECT"]

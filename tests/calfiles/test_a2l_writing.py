@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from kennfeld.calfiles.a2l import read_parameters, stored
 from kennfeld.calfiles.format import Notes
 from kennfeld.errors import InputError
-from kennfeld.parameters import Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Map, Scalar, Text
 
 BYTE = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
 TENTH = method("CM", "LINEAR", "COEFFS_LINEAR 0.1 0", "bar")

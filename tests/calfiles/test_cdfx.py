@@ -7,7 +7,8 @@ import pytest
 
 from kennfeld.calfiles import describe, read, write
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 FRAME = (

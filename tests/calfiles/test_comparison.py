@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from kennfeld.calfiles import Comparison, Difference, Tolerance, compare
 from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 SPEED = Axis([1000, 2000], unit="rpm", name="Speed")

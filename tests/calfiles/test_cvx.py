@@ -3,7 +3,8 @@ import pytest
 
 from kennfeld.calfiles import describe, read, write
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 HEAD = 'CALIBRATION VALUES V2.1,.,*,"",\n\n'
 X2 = "\n,K\nX_AXIS_PTS,,1,2\n"

@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import merge, read, write
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map, Scalar
 
 TEXT = """* encoding="UTF-8"
 ! a remark

@@ -10,11 +10,11 @@ import python_calamine
 import xlsxwriter
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.excel.book import is_calibration_workbook
-from kennfeld.calfiles.excel.sheets import sheet_names
+from kennfeld.calfiles.excel.layout import is_calibration_workbook, sheet_names
 from kennfeld.calfiles.format import Source
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 SPEED = Axis([700, 1000, 1500], "n", "rpm", "AxisSpeed")
 LOAD = Axis([0, 50], "rl", "%")

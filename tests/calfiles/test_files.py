@@ -6,7 +6,8 @@ import pytest
 import kennfeld.calfiles
 from kennfeld.calfiles import describe, endings, read, write
 from kennfeld.errors import ArgumentError, InputError
-from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Scalar, Text
 
 ONE = ParameterSet([Scalar("K", 2.0)])
 

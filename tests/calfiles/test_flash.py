@@ -10,7 +10,8 @@ import kennfeld as kf
 from kennfeld.calfiles import describe, describe_a2l, endings, read, write
 from kennfeld.cli import run
 from kennfeld.errors import ArgumentError, InputError
-from kennfeld.parameters import Curve, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Scalar
 
 TEXT = module(
     layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"),

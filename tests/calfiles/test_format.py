@@ -1,7 +1,8 @@
 import pytest
 
-from kennfeld.calfiles.format import Notes, Source, one_line
+from kennfeld.calfiles.format import Notes, Source
 from kennfeld.errors import InputError
+from kennfeld.formatting import one_line
 
 TEXT = 'FESTWERT K\n EINHEIT_W "°C"\n'
 

@@ -5,8 +5,8 @@ from a2l_files import hex_file, hex_record, s_file, s_record
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kennfeld.calfiles.flash.records import read_image, recognises_image
 from kennfeld.calfiles.format import Notes
-from kennfeld.calfiles.images import read_image, recognises_image
 from kennfeld.errors import ArgumentError, InputError
 
 END = hex_record(1, 0)

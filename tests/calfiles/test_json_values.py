@@ -5,7 +5,8 @@ import pytest
 
 from kennfeld.calfiles import read, write
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 
 def findings(path):

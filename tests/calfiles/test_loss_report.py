@@ -5,7 +5,8 @@ import pytest
 
 from kennfeld.calfiles import losses, read, write
 from kennfeld.errors import ArgumentError, InputError
-from kennfeld.parameters import Axis, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Cube, Curve, Map, Scalar, Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 LOAD = Axis([0, 1], unit="%")

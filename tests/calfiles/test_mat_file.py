@@ -12,9 +12,10 @@ from simulink_data import Thing, matfile
 
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.format import Source
-from kennfeld.calfiles.mat_file import is_calibration_mat, recognises_mat
+from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 SET = ParameterSet(
     [
@@ -206,7 +207,7 @@ def test_hostile_claims_are_refused(tmp_path, content, said):
 
 
 def test_a_variable_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("kennfeld.calfiles.mat_file._MOST_BYTES", 10_000_000)
+    monkeypatch.setattr("kennfeld.calfiles.matlab_reader._MOST_BYTES", 10_000_000)
     path = tmp_path / "a.mat"
     path.write_bytes(packed(matrix(6, (1, 5_000_000), element(9, bytes(40_000_000)))))
     assert path.stat().st_size < 100_000

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.matlab_script import comment_of, recognises_script, said_by
+from kennfeld.calfiles.matlab_reader import comment_of, recognises_script, said_by
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 PEOPLE = """%% Engine calibration
 clear all; clc

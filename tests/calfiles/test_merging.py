@@ -4,7 +4,8 @@ from hypothesis import HealthCheck, given, settings
 
 from kennfeld.calfiles import merge
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Scalar, Text
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 SLOW, FAST = (Axis(points, name="Speed") for points in ([1, 2], [1, 3]))

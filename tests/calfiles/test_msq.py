@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from kennfeld.calfiles import describe, merge, read, write
-from kennfeld.calfiles.msq.axes import Pair, pairs_of, usual_pairs
+from kennfeld.calfiles.msq.reader import Pair, pairs_of, usual_pairs
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <msq xmlns="http://www.msefi.com/:msq">

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from kennfeld.calfiles import read, write
 from kennfeld.errors import InputError
-from kennfeld.parameters import ParameterSet, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Text
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from kennfeld.calfiles import compare, losses, read, write
 from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, Scalar, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 TEXTS = (

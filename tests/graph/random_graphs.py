@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hypothesis import strategies as st
 
-from kennfeld.expansion import Expansion
-from kennfeld.graph import OPERATIONS, Builder, Graph
-from kennfeld.graph.free_axes import AxisKey, free_axes, with_breakpoints
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, ParameterSet, Scalar
-from kennfeld.rbf import RBF
+from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
+from kennfeld.rbf import RBF, Expansion
 
 INPUTS = ("u", "v", "w")
 LOSSES = ("square", "huber", "soft_l1")
@@ -96,7 +96,7 @@ def cases(
     fixed = draw(st.sets(st.sampled_from(sorted(parameters)), max_size=2))
     count = draw(st.integers(1, max_states)) if states or (states is None and draw(st.booleans())) else 0
     latencies = draw(st.lists(st.integers(1, max_latency), min_size=count, max_size=count))
-    b = Builder()
+    b = GraphBuilder()
     pool = [b.input(name) for name in (*INPUTS, "dt", "t")] + [b.const(value) for value in (2.0, -1.5)]
     memory = [b.state(latency) for latency in latencies]
     pool += memory

@@ -5,12 +5,13 @@ from noise import assert_close, spread, steady
 from random_graphs import cases, sizes_of
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph import OPERATIONS, Builder
+from kennfeld.free_axes import free_axes, with_breakpoints
+from kennfeld.graph import OPERATIONS, GraphBuilder
 from kennfeld.graph.derivative import differentiate
-from kennfeld.graph.free_axes import free_axes, with_breakpoints
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.graph.lowering import lower
-from kennfeld.parameters import Cube, Curve, Map, ParameterSet, Scalar
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Cube, Curve, Map, Scalar
 
 
 def offsets_of(names, parameters):
@@ -29,7 +30,7 @@ def rows(graph, parameters, columns, starts=(0,), free=None, smooth=(), widths=(
 
 def slopes(expression, columns=None, **values):
     """Value and slopes of one expression of scalars, at one sample; `expression(builder, *scalars)`."""
-    b = Builder()
+    b = GraphBuilder()
     y = expression(b, *(b.lookup(name) for name in values))
     parameters = ParameterSet([Scalar(name, value) for name, value in values.items()])
     found = rows(b.finish({"y": y}), parameters, columns or {"x": [0.0]}, free=tuple(values))
@@ -191,7 +192,7 @@ def test_a_value_that_is_not_finite_shows():
 
 
 def test_an_input_that_is_not_a_number_shows_where_it_is_used_alone():
-    b = Builder()
+    b = GraphBuilder()
     x, k = b.input("x"), b.lookup("K")
     y = b.call("select", b.call("eq", x, x), b.call("mul", x, k), k)
     found = rows(b.finish({"y": y}), ParameterSet([Scalar("K", 2.0)]), {"x": [3.0, np.nan]})
@@ -200,7 +201,7 @@ def test_an_input_that_is_not_a_number_shows_where_it_is_used_alone():
 
 
 def test_the_slopes_of_a_table_are_its_weights():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("M", b.input("x"), b.input("z"))
     table = Map("M", [0, 1, 3], [0, 10], [[0, 1], [2, 3], [4, 5]])
     found = rows(b.finish({"y": y}), ParameterSet([table]), {"x": [1.5, -1.0], "z": [2.0, 20.0]})
@@ -211,14 +212,14 @@ def test_the_slopes_of_a_table_are_its_weights():
 @pytest.mark.parametrize(("extrapolation", "slope"), [("clip", 0.0), ("linear", 2.0)])
 @pytest.mark.parametrize("x", [-1.0, 3.5])
 def test_a_clipped_lookup_has_slope_zero(extrapolation, slope, x):
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("C", b.lookup("K"))
     held = ParameterSet([Scalar("K", x), Curve("C", [0, 1, 3], [0, 2, 6], extrapolation=extrapolation)])
     assert rows(b.finish({"y": y}), held, {"x": [0.0]}, free=("K",)).jacobian[0, 0, 0] == slope
 
 
 def test_a_lookup_on_a_breakpoint_has_the_slope_of_the_cell_to_its_right():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("C", b.lookup("K"))
     for x, slope in ((0.0, 2.0), (1.0, 5.0), (3.0, 5.0)):
         held = ParameterSet([Scalar("K", x), Curve("C", [0, 1, 3], [0, 2, 12])])
@@ -232,7 +233,7 @@ def test_a_lookup_of_parameters_has_the_slopes_of_finite_differences(dimensions)
     values = random.standard_normal((3,) * dimensions)
     make = [None, Curve, Map][dimensions] if dimensions < 3 else None
     table = make("T", *axes, values) if make else Cube("T", axes, values)
-    b = Builder()
+    b = GraphBuilder()
     coordinates = [
         b.call("add", b.input("x"), b.call("mul", b.lookup(f"K{i}"), b.input("z"))) for i in range(dimensions)
     ]
@@ -245,7 +246,7 @@ def test_a_lookup_of_parameters_has_the_slopes_of_finite_differences(dimensions)
 
 
 def test_two_lookups_of_one_table_sum_their_slopes():
-    b = Builder()
+    b = GraphBuilder()
     y = b.call("mul", b.lookup("C", b.input("x")), b.lookup("C", b.input("z")))
     held = ParameterSet([Curve("C", [0, 1], [2.0, 3.0])])
     found = rows(b.finish({"y": y}), held, {"x": [0.25], "z": [0.5]}).jacobian[0, 0]
@@ -253,7 +254,7 @@ def test_two_lookups_of_one_table_sum_their_slopes():
 
 
 def test_a_fixed_parameter_has_no_slopes():
-    b = Builder()
+    b = GraphBuilder()
     low = lower(
         b.finish({"y": b.call("mul", b.lookup("K"), b.lookup("L"))}), ParameterSet([Scalar("K", 2), Scalar("L", 3)])
     )
@@ -262,7 +263,7 @@ def test_a_fixed_parameter_has_no_slopes():
 
 
 def test_states_that_no_free_parameter_reaches_are_not_carried():
-    b = Builder()
+    b = GraphBuilder()
     data, model = b.prev(b.input("x"), b.const(0.0)), b.prev(b.lookup("K"), b.const(0.0))
     low = lower(b.finish({"y": b.call("add", data, model)}), ParameterSet([Scalar("K", 2.0)]))
     line = differentiate(low.graph, [low.graph.names["y"]], ["K"])
@@ -271,7 +272,7 @@ def test_states_that_no_free_parameter_reaches_are_not_carried():
 
 
 def test_sensitivities_run_through_feedback():
-    b = Builder()
+    b = GraphBuilder()
     state = b.state()
     b.close(state, b.const(1.0), b.call("mul", state, b.lookup("K")))
     found = rows(b.finish({"y": state}), ParameterSet([Scalar("K", 0.5)]), {"x": np.zeros(5)})
@@ -281,7 +282,7 @@ def test_sensitivities_run_through_feedback():
 
 
 def test_a_delay_carries_its_sensitivity_for_as_many_steps():
-    b = Builder()
+    b = GraphBuilder()
     y = b.prev(b.call("mul", b.lookup("K"), b.input("x")), b.lookup("L"), 3)
     held = ParameterSet([Scalar("K", 2.0), Scalar("L", 7.0)])
     found = rows(b.finish({"y": y}), held, {"x": [1.0, 2.0, 3.0, 4.0, 5.0]}, starts=(0, 4), free=("K", "L"))
@@ -290,7 +291,7 @@ def test_a_delay_carries_its_sensitivity_for_as_many_steps():
 
 
 def test_first_values_may_depend_on_other_states_first_values():
-    b = Builder()
+    b = GraphBuilder()
     one = b.prev(b.const(5.0), b.lookup("K"))
     two = b.prev(b.const(6.0), b.call("mul", one, b.lookup("K")), 2)
     found = rows(b.finish({"y": two}), ParameterSet([Scalar("K", 3.0)]), {"x": np.zeros(4)})
@@ -299,7 +300,7 @@ def test_first_values_may_depend_on_other_states_first_values():
 
 
 def test_a_first_value_that_depends_on_itself_is_an_error():
-    b = Builder()
+    b = GraphBuilder()
     one, two = b.state(), b.state()
     b.close(one, two, b.const(0.0))
     b.close(two, one, b.const(0.0))
@@ -309,7 +310,7 @@ def test_a_first_value_that_depends_on_itself_is_an_error():
 
 
 def test_derivatives_extend_the_nodes_of_the_graph():
-    b = Builder()
+    b = GraphBuilder()
     low = lower(b.finish({"y": b.call("sin", b.lookup("K"))}), ParameterSet([Scalar("K", 2.0)]))
     line = differentiate(low.graph, [low.graph.names["y"]], ["K"])
     assert line.nodes[: len(low.graph.nodes)] == low.graph.nodes

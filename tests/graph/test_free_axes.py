@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph import Builder
+from kennfeld.free_axes import AxisKey, free_axes, freed, key_of, with_breakpoints
+from kennfeld.graph import GraphBuilder
 from kennfeld.graph.derivative import differentiate
-from kennfeld.graph.free_axes import AxisKey, free_axes, freed, key_of, with_breakpoints
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.graph.lowering import lower
-from kennfeld.graph.split import split
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet, Scalar
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.partition import split
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map, Scalar
 
 SPEED = AxisKey("AxisSpeed")
 
@@ -74,7 +75,7 @@ def test_keys_name_the_group_else_table_and_direction():
 
 def test_free_axes_that_are_equal_at_the_start_stay_apart():
     axis = Axis([0, 1, 2], free=True)
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     graph = b.finish({"y": b.call("add", b.lookup("C", x), b.lookup("D", x))})
     low = lower(graph, ParameterSet([Curve("C", axis, [1, 2, 3]), Curve("D", axis, [1, 2, 3])]))
@@ -82,7 +83,7 @@ def test_free_axes_that_are_equal_at_the_start_stay_apart():
 
 
 def test_a_search_in_a_moved_axis_gives_what_the_moved_table_gives():
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.lookup("M", b.input("x"), b.input("z"))})
     columns = {"x": np.array([-1.0, 0.5, 1.5, 2.5, 9.0]), "z": np.full(5, 0.3)}
     moved = with_breakpoints(shared(), {SPEED: np.array([0.0, 2.0, 3.0])})
@@ -93,7 +94,7 @@ def test_a_search_in_a_moved_axis_gives_what_the_moved_table_gives():
 
 def rows(extrapolation, x):
     """Slopes with respect to the breakpoints 0, 1, 3 of a curve 0, 2, 12 at x."""
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.lookup("C", b.input("x"))})
     held = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12], extrapolation=extrapolation)])
     low = lower(graph, held)
@@ -118,7 +119,7 @@ def test_beyond_the_ends_a_straight_line_goes_on_and_has_its_slopes():
 
 
 def test_what_a_free_axis_decides_is_not_computed_ahead():
-    b = Builder()
+    b = GraphBuilder()
     costly = b.call("exp", b.lookup("C", b.input("x")))
     graph = b.finish({"y": b.call("mul", costly, b.lookup("K"))})
     held = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12]), Scalar("K", 1.0)])

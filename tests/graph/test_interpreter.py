@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from kennfeld.graph import Builder
+from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
 NOTHING = ParameterSet()
 
 
 def chain(count, backwards):
     """States that start each at the next plus one, the last at u, and fall by half in a step."""
-    b = Builder()
+    b = GraphBuilder()
     states = [b.state() for _ in range(count)]
     order = states[::-1] if backwards else states
     for one, other in zip(order, [*order[1:], None], strict=True):
@@ -43,7 +43,7 @@ def test_each_node_is_computed_once_for_the_first_values_of_many_states(monkeypa
 
 @pytest.mark.parametrize(("u", "first"), [(1.0, 3.0), (-1.0, np.nan)])
 def test_a_first_value_that_depends_on_itself_is_one_only_where_it_takes_another_way(u, first):
-    b = Builder()
+    b = GraphBuilder()
     one, other = b.state(), b.state()
     b.close(one, other, b.const(5.0))
     b.close(other, b.call("select", b.call("gt", b.input("u"), b.const(0.0)), b.const(3.0), one), b.const(5.0))

@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph import Builder
-from kennfeld.graph.lowering import AxisRef, dependent, lower, rewrite
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, ParameterSet, Scalar
+from kennfeld.graph import GraphBuilder
+from kennfeld.graph.lookup_lowering import AxisRef, lower
+from kennfeld.graph.traversal import dependent, rewrite
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar
 
 SPEED = [0.0, 1.0, 3.0]
 
@@ -14,7 +16,7 @@ def ops(graph):
 
 
 def test_tables_over_equal_axes_share_their_search():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", Axis(SPEED, input="other"), np.zeros(3))])
@@ -25,7 +27,7 @@ def test_tables_over_equal_axes_share_their_search():
 
 
 def test_tables_over_other_axes_search_each_for_itself():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", [0.0, 1.0, 3.5], np.zeros(3))])
@@ -35,7 +37,7 @@ def test_tables_over_other_axes_search_each_for_itself():
 
 
 def test_clipped_and_linear_lookups_of_one_axis_are_two_searches():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", SPEED, np.ones(3), extrapolation="linear")])
@@ -45,14 +47,14 @@ def test_clipped_and_linear_lookups_of_one_axis_are_two_searches():
 
 
 def test_a_value_block_is_searched_by_position():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("B", b.input("i"))
     lowered = lower(b.finish({"y": y}), ParameterSet([Block("B", [5.0, 6.0, 9.0])]))
     assert lowered.axes[0].tolist() == [0.0, 1.0, 2.0]
 
 
 def test_shapes_are_those_of_the_tables_looked_up():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("K"), b.lookup("Q", x, x, x))
     cube = Cube("Q", [[0, 1], [0, 1, 2], [0]], np.zeros((2, 3, 1)))
@@ -62,14 +64,14 @@ def test_shapes_are_those_of_the_tables_looked_up():
 
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_a_wrong_number_of_coordinates_is_an_error(count):
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("M", *[b.input("x")] * count)
     with pytest.raises(ArgumentError, match=f"gives M {count} coordinates, but it has 2 axes"):
         lower(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
 
 
 def test_a_table_used_with_two_numbers_of_coordinates_is_an_error():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("M", x), b.lookup("M", x, x))
     with pytest.raises(ArgumentError, match="gives M 1 coordinates, but it has 2 axes"):
@@ -77,14 +79,14 @@ def test_a_table_used_with_two_numbers_of_coordinates_is_an_error():
 
 
 def test_a_parameter_that_is_missing_is_an_error():
-    b = Builder()
+    b = GraphBuilder()
     with pytest.raises(ArgumentError, match="looks up K, which is no parameter of the set"):
         lower(b.finish({"y": b.lookup("K")}), ParameterSet())
 
 
 def chain():
     """An outer curve over an inner one, and one over the memory of the inner one."""
-    b = Builder()
+    b = GraphBuilder()
     inner = b.lookup("Inner", b.input("x"))
     outer = b.lookup("Outer", inner)
     late = b.lookup("Late", b.prev(inner, b.const(0.0)))
@@ -111,7 +113,7 @@ def test_a_smoothed_lookup_takes_the_coordinate_itself():
 
 
 def test_an_axis_of_one_breakpoint_is_never_smoothed():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("Outer", b.lookup("K"))
     parameters = ParameterSet([Scalar("K", 1.0), Curve("Outer", [1.0], [2.0])])
     lowered = lower(b.finish({"y": y}), parameters, smooth=["K"]).graph
@@ -119,7 +121,7 @@ def test_an_axis_of_one_breakpoint_is_never_smoothed():
 
 
 def test_rewrite_folds_what_became_constant():
-    b = Builder()
+    b = GraphBuilder()
     y = b.call("add", b.call("sin", b.input("x")), b.prev(b.input("x"), b.const(0.0)))
     graph = b.finish({"y": y})
 
@@ -135,7 +137,7 @@ def test_rewrite_folds_what_became_constant():
 
 
 def test_rewrite_keeps_names_units_and_outputs():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     graph = b.finish({"a": x, "y": b.call("sin", x)}, units={"x": "rpm"}, outputs=("a",))
     again = rewrite(graph, lambda made, at, args: made.node(graph.nodes[at].op, args, graph.nodes[at].payload))
@@ -154,7 +156,7 @@ def test_dependence_reaches_through_memory_only_if_asked():
 
 
 def test_dependence_passes_from_state_to_state_and_from_first_values():
-    b = Builder()
+    b = GraphBuilder()
     far = b.prev(b.prev(b.prev(b.input("x"), b.lookup("K")), b.const(0.0)), b.const(0.0))
     other = b.prev(b.input("x"), b.const(0.0))
     graph = b.finish({"far": far, "other": other})

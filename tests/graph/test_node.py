@@ -4,19 +4,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_graphs import cases
 
-from kennfeld.graph import CLOCK, Builder, Graph, Node, State
-from kennfeld.graph.lowering import rewrite
+from kennfeld.graph import CLOCK, Graph, GraphBuilder, Node, State
+from kennfeld.graph.traversal import rewrite
 
 
 def built(order=("u", "v")):
-    b = Builder()
+    b = GraphBuilder()
     inputs = {name: b.input(name) for name in order}
     total = b.call("add", inputs["u"], b.call("mul", inputs["v"], b.lookup("K")))
     return b.finish({"y": total})
 
 
 def test_equal_nodes_are_one():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     assert b.call("sin", x) == b.call("sin", x)
     assert b.lookup("M", x, x) == b.lookup("M", x, x)
@@ -25,23 +25,23 @@ def test_equal_nodes_are_one():
 
 
 def test_plus_and_minus_zero_are_two_constants():
-    b = Builder()
+    b = GraphBuilder()
     assert b.const(0.0) != b.const(-0.0)
 
 
 def test_not_a_number_is_one_constant():
-    b = Builder()
+    b = GraphBuilder()
     assert b.const(float("nan")) == b.const(float("nan"))
 
 
 def test_an_operation_on_constants_is_a_constant():
-    b = Builder()
+    b = GraphBuilder()
     folded = b.call("add", b.const(2.0), b.call("mul", b.const(3.0), b.const(4.0)))
     assert b.nodes[folded] == Node("const", (), 14.0)
 
 
 def test_a_folded_operation_may_give_what_is_not_finite():
-    b = Builder()
+    b = GraphBuilder()
     assert b.nodes[b.call("div", b.const(1.0), b.const(0.0))].payload == np.inf
     assert np.isnan(b.nodes[b.call("log", b.const(-1.0))].payload)
 
@@ -58,20 +58,20 @@ def test_a_folded_operation_may_give_what_is_not_finite():
     ],
 )
 def test_a_neutral_constant_leaves_the_other_operand(op, constant, left, right):
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     assert (b.call(op, x, b.const(constant)) == x) == right
     assert (b.call(op, b.const(constant), x) == x) == left
 
 
 def test_zero_times_a_node_is_not_folded_as_the_node_may_be_infinite():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     assert b.nodes[b.call("mul", b.const(0.0), x)].op == "mul"
 
 
 def test_equal_memories_by_prev_are_one():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     assert b.prev(x, b.const(0.0)) == b.prev(x, b.const(0.0))
     assert b.prev(x, b.const(0.0), 2) != b.prev(x, b.const(0.0))
@@ -80,7 +80,7 @@ def test_equal_memories_by_prev_are_one():
 
 def test_a_builder_of_a_graph_keeps_node_numbers():
     graph = built()
-    b = Builder.of(graph)
+    b = GraphBuilder.of(graph)
     assert tuple(b.nodes) == graph.nodes
     assert b.lookup("K") == graph.nodes.index(Node("lookup", (), "K"))
 
@@ -95,14 +95,14 @@ def test_graphs_built_in_another_order_are_equal():
 
 def test_graphs_with_a_constant_that_is_not_a_number_are_equal():
     def graph():
-        b = Builder()
+        b = GraphBuilder()
         return b.finish({"y": b.call("add", b.input("x"), b.call("log", b.const(-1.0)))})
 
     assert graph() == graph()
 
 
 def test_finish_drops_what_no_name_needs():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     b.call("sin", x)
     b.prev(b.input("z"), x)
@@ -112,7 +112,7 @@ def test_finish_drops_what_no_name_needs():
 
 
 def test_finish_keeps_what_states_need_and_renumbers_states():
-    b = Builder()
+    b = GraphBuilder()
     b.prev(b.input("unused"), b.const(1.0))
     y = b.prev(b.prev(b.input("x"), b.const(2.0)), b.input("start"), 3)
     graph = b.finish({"y": y})
@@ -122,7 +122,7 @@ def test_finish_keeps_what_states_need_and_renumbers_states():
 
 
 def test_arguments_come_before_their_node():
-    b = Builder()
+    b = GraphBuilder()
     y = b.input("x")
     for _ in range(3000):
         y = b.call("sin", y)
@@ -131,7 +131,7 @@ def test_arguments_come_before_their_node():
 
 
 def test_outputs_are_the_names_that_nothing_uses():
-    b = Builder()
+    b = GraphBuilder()
     x = b.call("sin", b.input("x"))
     held = b.call("cos", x)
     graph = b.finish({"x": x, "held": held, "y": b.call("add", x, b.prev(held, b.const(0.0)))})
@@ -141,7 +141,7 @@ def test_outputs_are_the_names_that_nothing_uses():
 @st.composite
 def feedback(draw):
     """A graph of names that use earlier names, and any name of the step before; and what each uses."""
-    b = Builder()
+    b = GraphBuilder()
     count = draw(st.integers(1, 7))
     some = st.sets(st.integers(0, count - 1), max_size=3)
     read = [b.state() for _ in range(count)]
@@ -173,13 +173,13 @@ def test_a_name_is_an_output_if_all_that_use_it_are_what_it_uses_itself(case):
 
 
 def test_declared_outputs_stand():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     assert b.finish({"a": x, "y": b.call("sin", x)}, outputs=("a",)).outputs == ("a",)
 
 
 def test_inputs_leave_out_the_clock():
-    b = Builder()
+    b = GraphBuilder()
     total = b.input("x")
     for name in CLOCK:
         total = b.call("add", total, b.input(name))
@@ -187,7 +187,7 @@ def test_inputs_leave_out_the_clock():
 
 
 def test_parameters_tell_their_number_of_coordinates():
-    b = Builder()
+    b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("K"), b.lookup("M", x, x))
     assert b.finish({"y": y}).parameters == {"K": 0, "M": 2}
@@ -202,7 +202,7 @@ def test_a_graph_cannot_be_changed():
 
 
 def test_units_belong_to_the_graph():
-    b = Builder()
+    b = GraphBuilder()
     assert b.finish({"y": b.input("x")}, units={"x": "rpm"}).units == {"x": "rpm"}
 
 
@@ -222,4 +222,4 @@ def test_a_state_reads_like_its_fields():
 
 
 def test_a_graph_of_no_names_is_empty():
-    assert Builder().finish({}) == Graph((), {}, (), {}, ())
+    assert GraphBuilder().finish({}) == Graph((), {}, (), {}, ())

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from kennfeld.graph import OPERATIONS, Builder
+from kennfeld.graph import OPERATIONS, GraphBuilder
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
 STEPS = ("floor", "ceil", "round", "sign", "lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not")
 # points where each operation is smooth; default: far from kinks on both sides of zero
@@ -26,7 +26,7 @@ def value(op, *args):
 
 def slope(op, args, which):
     """The partial derivative that the operation's rule writes."""
-    b = Builder()
+    b = GraphBuilder()
     nodes = [b.input(f"x{i}") for i in range(len(args))]
     y = b.call(op, *nodes)
     partial = OPERATIONS[op].partials[which]

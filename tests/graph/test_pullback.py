@@ -3,12 +3,13 @@ import pytest
 from hypothesis import given, settings
 from random_graphs import cases
 
-from kennfeld.graph import Builder, derivative
+from kennfeld.graph import GraphBuilder, derivative
+from kennfeld.graph.adjoints import PullBack
 from kennfeld.graph.derivative import Written, differentiate
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lowering import lower
-from kennfeld.graph.pullback import PullBack
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 
 
 def pulled(graph, outputs, free):
@@ -21,7 +22,7 @@ def pulled(graph, outputs, free):
 
 def scalars(expression, **values):
     """Slopes of one expression of scalars by a pull-back."""
-    b = Builder()
+    b = GraphBuilder()
     y = expression(b, *(b.lookup(name) for name in values))
     held = ParameterSet([Scalar(name, value) for name, value in values.items()])
     low = lower(b.finish({"y": y}), held)
@@ -33,7 +34,7 @@ def scalars(expression, **values):
 
 def chain(states):
     """States of which each follows the one before, on a chain of nodes that all of them see."""
-    b = Builder()
+    b = GraphBuilder()
     x = b.call("mul", b.lookup("K"), b.input("u"))
     for _ in range(200):
         x = b.call("sin", b.call("add", x, b.lookup("K")))
@@ -59,7 +60,7 @@ def test_nodes_do_not_multiply_with_the_rows():
 
 
 def test_an_adjoint_that_is_only_handed_on_is_not_copied():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("K0")
     for i in range(1, 9):
         y = b.call("add", y, b.lookup(f"K{i}"))

@@ -3,11 +3,12 @@ from hypothesis import given, settings
 from noise import assert_close, spread, steady
 from random_graphs import cases
 
-from kennfeld.graph import Builder
+from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lowering import lower
-from kennfeld.graph.split import split
-from kennfeld.parameters import Curve, ParameterSet, Scalar
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.partition import split
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Scalar
 
 
 def lowered(names, b, *parameters):
@@ -49,7 +50,7 @@ def test_columns_are_exactly_what_the_reduced_graph_reads(case):
 
 
 def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
-    b = Builder()
+    b = GraphBuilder()
     slow = b.call("exp", b.input("x"))
     graph = lowered({"y": b.lookup("K"), "z": b.call("mul", slow, b.lookup("K"))}, b, Scalar("K", 1.0))
     assert split(graph, ["y"], ["K"]).columns == {}
@@ -70,7 +71,7 @@ def test_no_column_depends_on_a_free_parameter(case):
 
 
 def test_a_search_is_done_again():
-    b = Builder()
+    b = GraphBuilder()
     graph = lowered({"y": b.lookup("C", b.input("x"))}, b, Curve("C", [0.0, 1.0], [2.0, 3.0]))
     parts = split(graph, ["y"], ["C"])
     assert parts.columns == {}
@@ -78,7 +79,7 @@ def test_a_search_is_done_again():
 
 
 def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
-    b = Builder()
+    b = GraphBuilder()
     coordinate = b.call("exp", b.input("x"))
     tables = [Curve(name, [0.0, 1.0 + i], [2.0, 3.0]) for i, name in enumerate("CD")]
     graph = lowered({"y": b.call("add", b.lookup("C", coordinate), b.lookup("D", coordinate))}, b, *tables)
@@ -88,14 +89,14 @@ def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
 
 
 def test_what_is_cheap_is_computed_again():
-    b = Builder()
+    b = GraphBuilder()
     cheap = b.call("sub", b.input("x"), b.input("z"))
     graph = lowered({"y": b.call("mul", cheap, b.lookup("K"))}, b, Scalar("K", 1.0))
     assert split(graph, ["y"], ["K"]).columns == {}
 
 
 def test_a_state_of_data_alone_becomes_a_column():
-    b = Builder()
+    b = GraphBuilder()
     late = b.prev(b.input("x"), b.const(0.0))
     graph = lowered({"y": b.call("mul", late, b.lookup("K"))}, b, Scalar("K", 1.0))
     parts = split(graph, ["y"], ["K"])
@@ -104,7 +105,7 @@ def test_a_state_of_data_alone_becomes_a_column():
 
 
 def test_a_fixed_parameter_counts_as_data():
-    b = Builder()
+    b = GraphBuilder()
     graph = lowered(
         {"y": b.call("add", b.lookup("C", b.input("x")), b.lookup("K"))},
         b,
@@ -116,7 +117,7 @@ def test_a_fixed_parameter_counts_as_data():
 
 
 def test_the_first_value_and_the_feedback_of_a_live_state_are_cut_too():
-    b = Builder()
+    b = GraphBuilder()
     first, drive = b.call("exp", b.input("x")), b.call("sin", b.input("x"))
     state = b.state()
     b.close(state, first, b.call("add", b.call("mul", state, b.lookup("K")), drive))
@@ -127,7 +128,7 @@ def test_the_first_value_and_the_feedback_of_a_live_state_are_cut_too():
 
 
 def test_an_output_of_data_alone_is_one_column():
-    b = Builder()
+    b = GraphBuilder()
     graph = lowered({"y": b.call("exp", b.call("sin", b.input("x"))), "z": b.lookup("K")}, b, Scalar("K", 1.0))
     parts = split(graph, ["y", "z"], ["K"])
     assert [graph.nodes[at].op for at in parts.columns.values()] == ["exp"]

@@ -12,11 +12,11 @@ from scipy.io import savemat
 from simulink_data import Thing, mxarray, pairs
 
 from kennfeld.errors import InputError
-from kennfeld.matlab.data import nodes_of, variables_of, workspace_of
-from kennfeld.matlab.objects import parameter_of
-from kennfeld.matlab.scripts import run_script
-from kennfeld.matlab.tree import DamageError, Struct, Unreadable
-from kennfeld.matlab.v5 import elements_from
+from kennfeld.matlab.mat_nodes import DamageError, Struct, Unreadable
+from kennfeld.matlab.mat_reader import nodes_of, variables_of, workspace_of
+from kennfeld.matlab.mat_v5 import elements_from
+from kennfeld.matlab.script_runner import run_script
+from kennfeld.matlab.simulink_objects import parameter_of
 from kennfeld.matlab.values import Cell, Opaque, class_of, text
 
 PLAIN = {

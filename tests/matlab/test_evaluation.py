@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from kennfeld.matlab.budget import Budget
-from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.evaluation import evaluate, names
+from kennfeld.matlab.errors import Budget, MatlabError
+from kennfeld.matlab.evaluator import evaluate, names
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.values import Cell, Struct, class_of, text
 

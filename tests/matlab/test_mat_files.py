@@ -14,9 +14,9 @@ from scipy.io import savemat
 from scipy.sparse import csc_array
 from simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 
-from kennfeld.matlab.data import loaded_of, nodes_of
+from kennfeld.matlab.mat_nodes import DamageError, Numbers, Struct, Text, Unreadable
+from kennfeld.matlab.mat_reader import loaded_of, nodes_of
 from kennfeld.matlab.mcos import single, workspace
-from kennfeld.matlab.tree import DamageError, Numbers, Struct, Text, Unreadable
 
 SPARSE, COMPRESSED, LOGICAL = 5, 15, 0x200
 

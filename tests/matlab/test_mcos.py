@@ -11,10 +11,10 @@ import pytest
 from matlab_files import save73
 from simulink_data import OPAQUE, UINT8, Store, Thing, element, matfile, mxarray, numbers, struct_of
 
-from kennfeld.matlab.data import loaded_of
+from kennfeld.matlab.mat_nodes import Cells, DamageError, Node, Struct, Structs, Text, Unreadable
+from kennfeld.matlab.mat_reader import loaded_of
+from kennfeld.matlab.mat_v5 import elements_from
 from kennfeld.matlab.mcos import workspace
-from kennfeld.matlab.tree import Cells, DamageError, Node, Struct, Structs, Text, Unreadable
-from kennfeld.matlab.v5 import elements_from
 
 TAG = np.array([0xDD000000], "<u4").tobytes()
 SIMULINK = "Simulink.Parameter"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.parser import parse_expression, parse_script, read_script
-from kennfeld.matlab.printing import printed, printed_script
+from kennfeld.matlab.printer import printed, printed_script
 
 a, b, x = m.Name("a"), m.Name("b"), m.Name("x")
 one, two, three = m.Number(1.0), m.Number(2.0), m.Number(3.0)

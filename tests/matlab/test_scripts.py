@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.matlab.budget import Budget
-from kennfeld.matlab.objects import parameter_of
-from kennfeld.matlab.scripts import run_script
+from kennfeld.matlab.errors import Budget
+from kennfeld.matlab.script_runner import run_script
+from kennfeld.matlab.simulink_objects import parameter_of
 from kennfeld.matlab.values import Cell, Struct, class_of, text
 
 

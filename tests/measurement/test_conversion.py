@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.measurement.conversion import Conversion, compare, says_nothing
+from kennfeld.preprocessing.units import Conversion, compare, says_nothing
 
 SAME = [
     "rpm 1/min min-1 min^-1 U/min Upm rev/min RPM r/min min⁻¹ 1/Min",
@@ -140,7 +140,7 @@ def test_there_and_back_is_where_it_began(one, other, value):
 
 
 def test_equal_units_are_compared_without_the_registry():
-    code = "import sys; from kennfeld.measurement.conversion import compare\n"
+    code = "import sys; from kennfeld.preprocessing.units import compare\n"
     code += (
         "assert compare('1/min', 'rpm') == 'same' and compare('degC', 'K').offset and compare('', 'Nm') == 'unknown'\n"
     )

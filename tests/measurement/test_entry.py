@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.measurement.entry import packed, unpacked
+from kennfeld.measurement.cache import packed, unpacked
 
 
 def bits(values):

@@ -11,7 +11,7 @@ from xls_files import xls
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from kennfeld.measurement.entry import packed, unpacked
+from kennfeld.measurement.cache import packed, unpacked
 
 TIME = [0.0, 1.0, 2.0, 3.0]
 SPEED = [1.0, np.inf, -np.inf, 4.0]

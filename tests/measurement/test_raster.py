@@ -3,7 +3,7 @@
 import numpy as np
 
 from kennfeld.measurement import read
-from kennfeld.measurement.raster import grid, resample
+from kennfeld.measurement.resampling import grid, resample
 
 
 def test_a_file_is_put_onto_an_even_raster_over_its_own_range(csv):

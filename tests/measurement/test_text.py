@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
-from kennfeld.measurement import clean, read, text
-from kennfeld.measurement.columns import Selection
-from kennfeld.measurement.sniff import locate
+from kennfeld.measurement import read, text
+from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.table import Selection
 
 NAN = np.nan
 
@@ -297,7 +297,7 @@ def test_clean_files_read_at_once_are_as_read_line_by_line(csv, monkeypatch, sep
 
 def read_clean_of(path):
     source = locate(path)
-    return clean.read_clean(source, text.dialect_of(source), Selection())
+    return text.read_clean(source, text.dialect_of(source), Selection())
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000", "inf", '"1"'])

@@ -7,7 +7,8 @@ import pytest
 from kennfeld import calfiles
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from kennfeld.parameters import Axis, Curve, ParameterSet
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve
 
 CELL = '<c r="{0}"><v>{1}</v></c>'
 TEXT = '<c r="{0}" t="inlineStr"><is><t>{1}</t></is></c>'

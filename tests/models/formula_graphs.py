@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from kennfeld.graph import OPERATIONS, Builder, Graph, Node
+from kennfeld.graph import OPERATIONS, Graph, GraphBuilder, Node
 
 NAMES = ["y", "n.eng", "Ü", "two words", "rad[3].x", "50%", "pi", "t", "not", "abs", "map", "_1", "_2", "%", "#", " "]
 OPS = sorted(set(OPERATIONS) - {"guard"})
@@ -26,7 +26,7 @@ def one_nan(graph: Graph) -> Graph:
 @st.composite
 def graphs(draw: st.DrawFn) -> Graph:
     """A graph of up to some forty nodes."""
-    b = Builder()
+    b = GraphBuilder()
     spare = draw(st.permutations(NAMES))
     inputs, scalars, tables, named = spare[:3], spare[3:5], spare[5:8], spare[8:]
     axes = [draw(st.integers(1, 4)) for _ in tables]

@@ -6,7 +6,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
 
 def findings(text: str) -> list[str]:

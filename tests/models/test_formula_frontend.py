@@ -8,7 +8,8 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import expression, extend, formula, read
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 
 FIGURE_3 = """\
 1 trqOpt[-] = MapOptTorque(Speed,Rel_Airmass)

@@ -8,7 +8,8 @@ import pytest
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.functions import FUNCTIONS
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 
 DT = np.array([0.1, 0.1, 0.1, 0.2, 0.2, 0.1, 0.05, 0.1, 0.1, 0.3])
 U = np.array([1.5, -2.0, 0.25, 4.0, 4.0, -1.0, 0.0, 7.5, 3.0, -3.5])

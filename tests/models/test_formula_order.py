@@ -4,7 +4,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
-from kennfeld.models.formula.order import ordered
+from kennfeld.models.formula.lowering import ordered
 
 
 def findings(text: str) -> list[str]:

@@ -6,11 +6,11 @@ from formula_graphs import graphs, one_nan
 from hypothesis import given, settings
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph import OPERATIONS, Builder, Graph
+from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula, to_text
-from kennfeld.models.formula.states import merged
-from kennfeld.parameters import ParameterSet
+from kennfeld.models.formula.printer import merged
+from kennfeld.parameter_set import ParameterSet
 
 
 def lines(graph: Graph) -> list[str]:
@@ -121,7 +121,7 @@ def test_a_text_is_complete_by_itself():
 
 
 def test_every_operation_but_the_guard_can_be_printed():
-    b = Builder()
+    b = GraphBuilder()
     inputs = [b.input(name) for name in "abc"]
     names = {f"y_{op}": b.call(op, *inputs[: o.arity]) for op, o in OPERATIONS.items() if op != "guard"}
     graph = b.finish(names)
@@ -138,7 +138,7 @@ def test_a_long_sum_is_printed_in_one_line():
     ("op", "turned"), [("sub", True), ("pow", True), ("pow", False), ("min", False), ("neg", False)]
 )
 def test_deep_nesting_is_broken_into_lines(op, turned):
-    b = Builder()
+    b = GraphBuilder()
     u = node = b.input("u")
     for _ in range(5000):
         args = (node,) if op == "neg" else (u, node) if turned else (node, u)
@@ -149,7 +149,7 @@ def test_deep_nesting_is_broken_into_lines(op, turned):
 
 
 def test_a_long_chain_of_memories_is_printed():
-    b = Builder()
+    b = GraphBuilder()
     node, zero = b.input("u"), b.const(0.0)
     for _ in range(5000):
         node = b.prev(node, zero)
@@ -158,7 +158,7 @@ def test_a_long_chain_of_memories_is_printed():
 
 
 def test_memories_of_equal_content_are_printed_as_one():
-    b = Builder()
+    b = GraphBuilder()
     u, zero = b.input("u"), b.const(0.0)
     states = [b.state() for _ in range(4)]
     for state, next_ in zip(states, [u, u, states[0], states[1]], strict=True):
@@ -178,7 +178,7 @@ def refused(graph: Graph) -> str:
 
 
 def test_what_text_cannot_say_is_refused():
-    b = Builder()
+    b = GraphBuilder()
     u, v = b.input("u"), b.input("v")
     y = b.call("mul", u, v)
     assert "guard" in refused(b.finish({"y": b.call("guard", u, v)}))
@@ -192,7 +192,7 @@ def test_what_text_cannot_say_is_refused():
 
 
 def test_an_expansion_is_printed_with_its_declaration():
-    b = Builder()
+    b = GraphBuilder()
     x = [b.input(name) for name in "abcdef"]
     graph = b.finish({"y": b.lookup("Engine", *x)})
     text = to_text(graph)

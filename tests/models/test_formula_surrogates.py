@@ -5,8 +5,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.errors import InputError
-from kennfeld.expansion import Expansion
 from kennfeld.models.formula import formula
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
 
 

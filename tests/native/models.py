@@ -3,8 +3,9 @@
 import numpy as np
 from random_graphs import Case, Criterion
 
-from kennfeld.graph import Builder
-from kennfeld.parameters import Curve, Map, ParameterSet, Scalar
+from kennfeld.graph import GraphBuilder
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Map, Scalar
 
 X, Y = np.array([-2.0, -0.7, 0.4, 1.9]), np.array([-1.5, 0.1, 1.2])
 
@@ -39,7 +40,7 @@ def case(graph, samples=500, starts=(0,), *, free=("K", "L", "C", "M"), seed=0, 
 
 def static():
     """A map times a curve of a curve, with the map looked up twice."""
-    b = Builder()
+    b = GraphBuilder()
     u, v = b.input("u"), b.input("v")
     inner = b.lookup("C", u)
     y = b.call("mul", b.lookup("M", u, v), b.lookup("C", inner))
@@ -48,7 +49,7 @@ def static():
 
 def lag():
     """One state: y += K' (M(u, y) - y), from a first value that depends on a parameter."""
-    b = Builder()
+    b = GraphBuilder()
     state = b.state()
     target = b.lookup("M", b.input("u"), state)
     share = b.call("mul", b.const(0.3), b.call("tanh", b.lookup("C", b.input("v"))))
@@ -60,7 +61,7 @@ def lag():
 
 def coupled(count):
     """`count` states that drive each other round, two outputs that see several of them."""
-    b = Builder()
+    b = GraphBuilder()
     u, v = b.input("u"), b.input("v")
     states = [b.state() for _ in range(count)]
     for i, state in enumerate(states):
@@ -78,7 +79,7 @@ def coupled(count):
 
 def delayed():
     """A dead time of three steps within the feedback."""
-    b = Builder()
+    b = GraphBuilder()
     state = b.state(3)
     now = b.call("add", b.call("mul", b.lookup("C", state), b.const(0.3)), b.lookup("M", b.input("u"), b.input("v")))
     b.close(state, b.lookup("K"), now)

@@ -6,10 +6,10 @@ import numpy as np
 from random_graphs import Case, Criterion, sizes_of
 
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lowering import Lowered, lower
+from kennfeld.graph.lookup_lowering import Lowered, lower
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
-from kennfeld.native.output import Output
+from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
 
 

@@ -7,9 +7,10 @@ from noise import assert_close, spread
 from random_graphs import LOSSES
 from reference import compiled, sums
 
-from kennfeld.graph import Builder
+from kennfeld.graph import GraphBuilder
 from kennfeld.native import accumulator as module
-from kennfeld.parameters import Curve, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Scalar
 from models import MODELS, case, coupled, lag, parameters, static
 
 STARTS = (0, 1, 170, 171, 400)
@@ -161,7 +162,7 @@ def test_a_score_of_zero_switches_off_even_where_the_model_is_not_finite():
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_an_infinite_residual_gives_an_infinite_cost_and_no_warning(loss):
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.call("div", b.lookup("K"), b.input("u"))})
     model = case(graph, 10, loss=loss)
     model.columns["u"][4] = 0.0
@@ -174,7 +175,7 @@ def test_an_infinite_residual_gives_an_infinite_cost_and_no_warning(loss):
 
 @pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-9])
 def test_soft_l1_is_the_square_for_small_residuals(size):
-    b = Builder()
+    b = GraphBuilder()
     model = case(b.finish({"y": b.lookup("K")}), 3, loss="soft_l1", values=ParameterSet([Scalar("K", 1.0 + size)]))
     criterion = dataclasses.replace(model.criteria[0], target=np.ones(3), scores=np.ones(1), scale=1.0, delta=1.0)
     made = compiled(dataclasses.replace(model, criteria=(criterion,)))
@@ -182,7 +183,7 @@ def test_soft_l1_is_the_square_for_small_residuals(size):
 
 
 def test_a_branch_not_taken_leaks_nothing_into_the_sums():
-    b = Builder()
+    b = GraphBuilder()
     x = b.call("add", b.input("u"), b.lookup("K"))
     root = b.call("select", b.call("gt", x, b.const(0.0)), b.call("sqrt", x), b.const(0.0))
     logged = b.call("select", b.call("gt", x, b.const(0.0)), b.call("log", x), b.lookup("C", x))
@@ -195,7 +196,7 @@ def test_a_branch_not_taken_leaks_nothing_into_the_sums():
 
 
 def test_a_branch_not_taken_leaks_nothing_through_states():
-    b = Builder()
+    b = GraphBuilder()
     state = b.state()
     x = b.call("add", b.input("u"), b.call("mul", b.lookup("K"), state))
     held = b.call("select", b.call("gt", x, b.const(0.0)), b.call("sqrt", x), b.call("mul", state, b.lookup("L")))
@@ -208,7 +209,7 @@ def test_a_branch_not_taken_leaks_nothing_through_states():
 
 
 def test_lookups_of_the_same_grid_points_are_merged():
-    b = Builder()
+    b = GraphBuilder()
     u = b.input("u")
     other = b.call("add", u, b.const(1e-3))
     product = b.call("mul", b.lookup("C", u), b.lookup("C", other))
@@ -219,7 +220,7 @@ def test_lookups_of_the_same_grid_points_are_merged():
 
 
 def test_two_criteria_may_share_a_node():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("C", b.input("u"))
     made = compiled(case(b.finish({"y": y, "same": y}), 60))
     direct = sums(made.case, made.run(made.interpreter()))
@@ -243,7 +244,7 @@ def test_nothing_free_leaves_the_cost():
 
 
 def test_a_table_that_no_criterion_reaches_has_columns_of_zeros():
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.lookup("K"), "z": b.lookup("C", b.input("u"))})
     model = case(graph, 30)
     made = compiled(dataclasses.replace(model, criteria=model.criteria[:1]))
@@ -275,7 +276,7 @@ def test_values_that_the_caller_changes_in_place_are_seen():
 
 def test_widths_that_change_are_seen_with_states(monkeypatch):
     monkeypatch.setattr(module, "TAPE_BYTES", 1)
-    b = Builder()
+    b = GraphBuilder()
     state = b.state()
     b.close(state, b.const(0.2), b.lookup("C", b.call("add", b.lookup("M", b.input("u"), b.input("v")), state)))
     made = compiled(case(b.finish({"y": state}), 300), smooth=["M"])
@@ -309,7 +310,7 @@ def test_smoothed_sums_are_those_of_the_interpreter_and_of_finite_differences(ex
 
 
 def test_a_smoothed_lookup_of_what_is_far_outside_is_clipped():
-    b = Builder()
+    b = GraphBuilder()
     y = b.lookup("Outer", b.call("mul", b.lookup("K"), b.input("u")))
     held = ParameterSet([Scalar("K", 100.0), Curve("Outer", [0.0, 1.0, 3.0], [2.0, 5.0, 7.0])])
     model = case(b.finish({"y": y}), 10, free=("K", "Outer"), values=held)
@@ -330,7 +331,7 @@ def test_rows_have_the_weight_of_the_loss():
 
 
 def test_states_that_no_free_value_reaches_are_simulated_all_the_same():
-    b = Builder()
+    b = GraphBuilder()
     late = b.prev(b.call("sin", b.input("u")), b.input("v"), 2)
     made = compiled(case(b.finish({"y": b.call("mul", late, b.lookup("K"))}), 200, STARTS[:3]))
     assert made.kernel.pattern.carried == 0

@@ -6,12 +6,13 @@ from noise import assert_close, spread, steady
 from random_graphs import cases
 from reference import compiled
 
-from kennfeld.graph import Builder
-from kennfeld.graph.lowering import lower
+from kennfeld.graph import GraphBuilder
+from kennfeld.graph.lookup_lowering import lower
 from kennfeld.native import emitter
 from kennfeld.native.emitter import Layout
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 from models import MODELS, case
 
 
@@ -34,7 +35,7 @@ def test_code_cut_into_functions_gives_what_one_function_gives(model, segment, m
 
 @pytest.mark.parametrize("segment", range(1, 25))
 def test_an_output_may_stand_in_another_function_than_its_entries(segment, monkeypatch):
-    b = Builder()
+    b = GraphBuilder()
     total = b.lookup("C", b.input("u"))
     for coordinate in ("v", "w"):
         total = b.call("add", total, b.lookup("C", b.input(coordinate)))
@@ -70,7 +71,7 @@ def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
 
 
 def test_a_model_of_thousands_of_nodes():
-    b = Builder()
+    b = GraphBuilder()
     random = np.random.default_rng(3)
     u, v = b.input("u"), b.input("v")
     pool = [u, v]
@@ -114,12 +115,12 @@ def test_a_graph_of_a_constant_alone():
 
 
 def constant():
-    b = Builder()
+    b = GraphBuilder()
     return b.finish({"y": b.const(2.5)})
 
 
 def test_a_model_without_inputs():
-    b = Builder()
+    b = GraphBuilder()
     state = b.state()
     b.close(state, b.const(0.0), b.call("add", state, b.lookup("K")))
     graph = b.finish({"y": state})

@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 from reference import compiled
 
-from kennfeld.graph import Builder
-from kennfeld.graph.free_axes import free_axes
-from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar
+from kennfeld.free_axes import free_axes
+from kennfeld.graph import GraphBuilder
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Scalar
 from models import case, coupled, delayed, lag, static
 
 
@@ -38,7 +39,7 @@ def test_unpacking_replaces_the_free_values_alone():
 
 
 def test_breakpoints_are_values_among_those_that_reach_a_state_or_not():
-    b = Builder()
+    b = GraphBuilder()
     state = b.state()
     b.close(state, b.const(0.0), b.call("mul", b.lookup("C", b.input("u")), b.const(0.5)))
     graph = b.finish({"y": b.call("add", state, b.lookup("D", b.input("v")))})
@@ -57,7 +58,7 @@ def test_breakpoints_are_values_among_those_that_reach_a_state_or_not():
 
 
 def test_breakpoints_that_are_not_fitted_come_after_the_free_values():
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.lookup("C", b.input("u"))})
     held = ParameterSet([Curve("C", Axis([-1.0, 0.0, 1.5], free=True), [1.0, 2.0, 0.5])])
     made = compiled(case(graph, 5, values=held, free=("C",)))
@@ -65,7 +66,7 @@ def test_breakpoints_that_are_not_fitted_come_after_the_free_values():
 
 
 def test_the_pattern_tells_where_matrices_can_differ_from_zero():
-    b = Builder()
+    b = GraphBuilder()
     one, two = b.state(), b.state()
     b.close(one, b.const(0.0), b.call("mul", one, b.lookup("K")))
     b.close(two, b.const(0.0), one)
@@ -85,7 +86,7 @@ def test_rows_are_taken_where_a_step_touches_many_columns():
 
 
 def test_a_parameter_the_graph_does_not_use_may_be_called_free():
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.lookup("K")})
     model = case(graph, 5, values=ParameterSet([Scalar("K", 1.0), Scalar("spare", 2.0)]))
     made = compiled(model)

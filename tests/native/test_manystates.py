@@ -2,16 +2,17 @@ import numpy as np
 import pytest
 from reference import compiled, sums, weighted_rows
 
-from kennfeld.graph import Builder, derivative
+from kennfeld.graph import GraphBuilder, derivative
+from kennfeld.graph.adjoints import PullBack
 from kennfeld.graph.derivative import Written
-from kennfeld.graph.pullback import PullBack
-from kennfeld.native.sweeps import MANY, Pattern, sweeps
+from kennfeld.native.sweeps import sweeps
+from kennfeld.native.tape_layout import MANY, Pattern
 from models import case
 
 
 def chain(latencies):
     """States one behind the other, the first driven by a lookup, each seen by the output and the one behind it."""
-    b = Builder()
+    b = GraphBuilder()
     before = b.lookup("M", b.input("u"), b.input("v"))
     total = before
     for latency in latencies:
@@ -35,7 +36,7 @@ def test_rows_of_many_states_are_those_of_the_interpreter(latencies):
 
 def register(cells, latency=1, held=False):
     """A shift register of what a lookup gives, read at a place that moves; where `held`, it stands still at times."""
-    b = Builder()
+    b = GraphBuilder()
     states = [b.state(latency if at % 3 == 1 else 1) for at in range(cells)]
     written = b.call("mul", b.lookup("M", b.input("u"), b.input("v")), b.call("exp", b.input("w")))
     place = b.call("mul", b.const(cells / 6), b.call("add", b.lookup("C", b.input("u")), b.const(3.0)))
@@ -67,7 +68,7 @@ def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, h
 
 
 def test_a_value_that_is_not_finite_hands_no_slopes_down_a_register():
-    b = Builder()
+    b = GraphBuilder()
     far = b.call("gt", b.call("abs", b.call("sub", b.input("t"), b.const(1.0))), b.const(0.05))
     now = b.call("div", b.lookup("K"), b.call("select", far, b.input("t"), b.const(0.0)))  # infinite once
     states, before = [], now

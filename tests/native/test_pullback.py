@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from reference import compiled
 
-from kennfeld.graph import Builder, derivative
+from kennfeld.graph import GraphBuilder, derivative
+from kennfeld.graph.adjoints import PullBack
 from kennfeld.graph.derivative import Written
-from kennfeld.graph.pullback import PullBack
 from kennfeld.native import emitter
 from models import MODELS, case, coupled
 
@@ -74,7 +74,7 @@ def test_smoothed_lookups_have_as_many_entries_as_they_need(share):
 
 
 def test_a_slope_that_is_not_finite_stays_in_its_own_row(share):
-    b = Builder()
+    b = GraphBuilder()
     k = b.lookup("K")
     root = b.call("sqrt", b.call("sub", k, k))  # of slope infinity
     names = {

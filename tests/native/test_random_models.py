@@ -10,7 +10,7 @@ from reference import compiled, sums, weighted_rows
 
 from kennfeld.graph import derivative
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lowering import lower
+from kennfeld.graph.lookup_lowering import lower
 from kennfeld.native.simulator import Simulator
 
 

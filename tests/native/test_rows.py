@@ -9,7 +9,7 @@ from reference import compiled
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
-from kennfeld.native.rows import BLOCK, Rows
+from kennfeld.native.column_table import BLOCK, Rows
 from kennfeld.native.samples import Piece, Samples
 from models import MODELS, case, static
 

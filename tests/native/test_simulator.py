@@ -1,11 +1,12 @@
 import numpy as np
 
-from kennfeld.graph import Builder
+from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.graph.lowering import lower
+from kennfeld.graph.lookup_lowering import lower
 from kennfeld.native import simulator as module
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Scalar
 from models import MODELS, case
 
 
@@ -33,7 +34,7 @@ def test_results_do_not_depend_on_the_length_of_a_call(monkeypatch):
 
 
 def test_other_values_need_no_other_simulator():
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.call("mul", b.lookup("K"), b.input("x"))})
     one, two = (ParameterSet([Scalar("K", value)]) for value in (2.0, 3.0))
     low = lower(graph, one)
@@ -44,7 +45,7 @@ def test_other_values_need_no_other_simulator():
 
 
 def test_a_root_may_be_asked_for_twice():
-    b = Builder()
+    b = GraphBuilder()
     low = lower(b.finish({"y": b.call("sin", b.input("x"))}), ParameterSet())
     y = low.graph.names["y"]
     run = Simulator(low, [y, y], ParameterSet()).run(ParameterSet(), np.array([[0.0]]))
@@ -52,7 +53,7 @@ def test_a_root_may_be_asked_for_twice():
 
 
 def test_data_need_not_be_contiguous():
-    b = Builder()
+    b = GraphBuilder()
     low = lower(b.finish({"y": b.call("add", b.input("x"), b.input("z"))}), ParameterSet())
     data = np.arange(12.0).reshape(3, 4).T[:2]
     run = Simulator(low, [low.graph.names["y"]], ParameterSet()).run(ParameterSet(), data)
@@ -60,7 +61,7 @@ def test_data_need_not_be_contiguous():
 
 
 def test_other_breakpoints_of_a_free_axis_need_no_other_simulator():
-    b = Builder()
+    b = GraphBuilder()
     graph = b.finish({"y": b.lookup("C", b.input("x"))})
     start = ParameterSet([Curve("C", Axis([0, 1, 4], name="A", free=True), [0.0, 1.0, 5.0])])
     low = lower(graph, start)

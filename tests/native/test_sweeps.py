@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.native.sweeps import MANY, Pattern, sweeps
+from kennfeld.native.sweeps import sweeps
+from kennfeld.native.tape_layout import MANY, Pattern
 
 
 class Tape:

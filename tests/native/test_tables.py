@@ -3,18 +3,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.graph import Builder
+from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.graph.lowering import lower
+from kennfeld.graph.lookup_lowering import lower
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameters import Axis, Block, Curve, Map, ParameterSet, parameter
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Curve, Map, parameter
 
 SPECIAL = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-310]
 
 
 def both(held, columns, coordinates=None):
     """A table at the inputs, native and by the interpreter."""
-    b = Builder()
+    b = GraphBuilder()
     (name,) = held
     names = list(columns)
     graph = b.finish({"y": b.lookup(name, *(b.input(n) for n in coordinates or names))})

@@ -3,8 +3,7 @@
 import numpy as np
 
 from kennfeld.native.engine import Engine
-from kennfeld.native.ir import EIGHT, LANES, Function
-from kennfeld.native.vector import Vector
+from kennfeld.native.ir import EIGHT, LANES, Function, Vector
 
 
 def test_the_exponential_is_right_within_two_units_in_the_last_place():

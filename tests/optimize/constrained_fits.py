@@ -6,11 +6,12 @@ import cvxpy as cp
 import numpy as np
 
 import kennfeld as kf
+from kennfeld.constraints import Shape
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
-from kennfeld.optimize.limits.constraints import Shape
-from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.problem import Problem
 
 
 @dataclass(frozen=True)

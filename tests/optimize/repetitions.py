@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from kennfeld.native import Accumulator, Samples
-from kennfeld.optimize.limits.limiting import limits_of
-from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
 from kennfeld.threads import blas_threads
 
 

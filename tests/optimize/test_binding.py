@@ -4,7 +4,7 @@ import pytest
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
-from kennfeld.optimize.data.binding import bind
+from kennfeld.preprocessing.binding import bind
 
 NAN = np.nan
 STEADY, TIMED = formula("y = u + v").graph, formula("y = u + v + t + dt").graph

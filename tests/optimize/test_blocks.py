@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.choice.blocks import BLOCKS, FEWEST, NEVER, Blocks
-from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.tuning.holdout_blocks import BLOCKS, FEWEST, NEVER, Blocks
 
 TEXTS = {"memory": "y = PT1(C(x), T)", "none": "y = C(x) * T", "before": "y = C(PT1(x, 0.3)) * T"}
 

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.errors import InputError
-from kennfeld.graph.free_axes import AxisKey
+from kennfeld.free_axes import AxisKey
 from kennfeld.models.formula import formula
 from kennfeld.optimize import run
-from kennfeld.optimize.free_axes.breakpoints import bounds_of, fitted_axes
-from kennfeld.optimize.limits.constraints import Equality, Shape, Term
-from kennfeld.optimize.limits.limiting import limits_of
-from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import bounds_of, limits_of
+from kennfeld.optimize.problem import Problem, fitted_axes
 
 KINKS, HEIGHTS = [0, 1.2, 2.1, 6.5, 10.0], [0, 4.0, 1.0, 2.0, 8.0]
 

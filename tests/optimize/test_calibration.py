@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.limits.limiting import limits_of
-from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
 
 X = np.linspace(0.0, 3.0, 61)
 WAVE = {"x": X, "y": 2 + np.sin(2 * X)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.continuation import LONG, SHORT
+from kennfeld.optimize.strategies.smoothing_continuation import LONG, SHORT
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
 GRID = np.linspace(0, 1, 6)

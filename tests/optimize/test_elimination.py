@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.free_axes.elimination import Dense, eliminated
+from kennfeld.optimize.strategies.breakpoint_elimination import Dense, eliminated
 
 
 def least(matrix, values, points, kept, lines):

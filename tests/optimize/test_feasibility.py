@@ -5,8 +5,8 @@ import pytest
 from constrained_fits import curve_fit, least_cost, map_fit
 
 import kennfeld as kf
+from kennfeld.constraints import Pin, Shape
 from kennfeld.optimize.api import problem_of
-from kennfeld.optimize.limits.constraints import Pin, Shape
 from kennfeld.optimize.search.multistart import run
 
 HOLDS = 1e-9

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize import Criterion, Problem
-from kennfeld.optimize.calibration import run
-from kennfeld.optimize.limits.constraints import Limit
+from kennfeld.constraints import Limit
+from kennfeld.criteria import Criterion
+from kennfeld.optimize import Problem
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.fit import run
 from kennfeld.optimize.objective import SumOfSquares
 from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Compiled
 
 GRID = np.linspace(0, 10, 6)
 START = kf.ParameterSet([kf.Curve("C", GRID, 2 * GRID)])

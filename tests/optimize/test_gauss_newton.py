@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kennfeld.native import Cholesky
-from kennfeld.optimize.limits.limits import Limits, Rows
-from kennfeld.optimize.solver.gauss_newton import Settings, Stop, gauss_newton
+from kennfeld.optimize.solver.levenberg_marquardt import Settings, Stop, gauss_newton
+from kennfeld.optimize.solver.linear_constraints import Limits, Rows
 
 
 class Residuals:

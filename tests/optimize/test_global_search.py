@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 import kennfeld as kf
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.events import events
-from kennfeld.optimize.limits.limits import Limits, Rows
-from kennfeld.optimize.search.global_search import GlobalSettings, global_search, unbounded
-from kennfeld.optimize.solver.gauss_newton import Stop
+from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.strategies.global_search import GlobalSettings, global_search
+from kennfeld.optimize.validation import unbounded
 
 REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "idle" / "crossley_cook_closedloop_ref.csv"
 GLOBAL = kf.Options(method="global")

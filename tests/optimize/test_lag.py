@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.choice.shifting import shifted
+from kennfeld.preprocessing.time_shift import shifted
 from kennfeld.project.demo import torque
 
 TRANSIENT = Path(__file__).resolve().parents[3] / "shared" / "data" / "engine_transient" / "gengine1_m10.csv.gz"

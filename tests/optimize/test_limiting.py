@@ -9,11 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
+from kennfeld.constraints import Equality, Shape, Term
+from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
-from kennfeld.optimize import Criterion, Equality, Options, Problem, Seconds, Shape, Term, run
-from kennfeld.optimize.calibration import Run
-from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize import Options, Problem, Seconds, run
+from kennfeld.optimize.fit import Run
+from kennfeld.optimize.linear_limits import limits_of
 from kennfeld.optimize.roughness import Roughness
 
 FREE = (-np.inf, np.inf)

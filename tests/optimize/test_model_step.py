@@ -7,7 +7,7 @@ from simulink_files import Model
 import kennfeld as kf
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
-from kennfeld.optimize.data.model_step import refined
+from kennfeld.preprocessing.model_step import refined
 
 
 def made(time, starts=(0,), **columns):

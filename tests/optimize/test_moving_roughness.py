@@ -3,11 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.graph.free_axes import AxisKey, with_breakpoints
-from kennfeld.native import Values
-from kennfeld.optimize.free_axes.moving_roughness import MovingRoughness, roughness_of
-from kennfeld.optimize.roughness import Roughness
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet
+from kennfeld.free_axes import AxisKey, with_breakpoints
+from kennfeld.graph.value_layout import Values
+from kennfeld.optimize.roughness import MovingRoughness, Roughness, roughness_of
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map
 
 FACTORS = {"M": (0.7, 0.0), "C": (3.0,)}
 X, Y = AxisKey("A"), AxisKey("M", "y")

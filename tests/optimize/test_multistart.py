@@ -10,7 +10,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.errors import ArgumentError
 from kennfeld.optimize.options import MOST_STARTS
-from kennfeld.optimize.search import multistart, workers
+from kennfeld.optimize.search import multistart, worker_pool
 
 X = np.linspace(0, 10, 120)
 
@@ -119,16 +119,16 @@ def test_a_start_that_fails_is_a_row(processes):
 
 
 def test_a_start_that_raises_is_a_row_too(monkeypatch):
-    from kennfeld.optimize import calibration
+    from kennfeld.optimize import fit
 
-    descend = calibration.gauss_newton
+    descend = fit.gauss_newton
 
     def breaks(objective, start, *rest):
         if start[0] == 2.0:
             return descend(objective, start, *rest)
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr(calibration, "gauss_newton", breaks)
+    monkeypatch.setattr(fit, "gauss_newton", breaks)
     result = failing(starts=3, workers=1)
     assert [row.status for row in result.starts] == ["converged", "failed", "failed"]
     assert "SVD did not converge" in result.starts[1].message
@@ -147,12 +147,12 @@ def test_where_all_fail_the_result_has_failed():
 def test_a_start_whose_process_dies_is_a_row(monkeypatch):
     made = []
 
-    class Mortal(workers._Worker):
+    class Mortal(worker_pool._Worker):
         def __init__(self, *arguments):
             super().__init__(*arguments)
             made.append(self)
 
-    monkeypatch.setattr(workers, "_Worker", Mortal)
+    monkeypatch.setattr(worker_pool, "_Worker", Mortal)
     killed = set()
 
     def kill(line):
@@ -170,7 +170,7 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
 
 
 def test_where_no_process_can_be_started_the_starts_run_in_turn(monkeypatch):
-    monkeypatch.setattr(workers, "COMMAND", "raise SystemExit(3) # {path}")
+    monkeypatch.setattr(worker_pool, "COMMAND", "raise SystemExit(3) # {path}")
     result = sine(starts=3, workers=2)
     assert "one after the other" in result.message
     assert [row.cost_after for row in result.starts] == [row.cost_after for row in sine(starts=3).starts]
@@ -280,8 +280,8 @@ def test_starts_keep_pins_and_locks_exactly():
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_ctrl_c_before_the_first_step_leaves_nothing_to_keep(processes, monkeypatch):
-    from kennfeld.optimize.search.sequence import Climber
-    from kennfeld.optimize.search.workers import _Pool
+    from kennfeld.optimize.search.start_runner import Climber
+    from kennfeld.optimize.search.worker_pool import _Pool
 
     def press(*_):
         raise KeyboardInterrupt

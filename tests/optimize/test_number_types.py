@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.limits.constraints import Equality, Shape, Term
+from kennfeld.constraints import Equality, Shape, Term
 
 NUMBERS = [int, np.int8, np.int64, np.float32, np.float64, np.array]
 X = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])

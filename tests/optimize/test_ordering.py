@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.graph.lowering import lower
-from kennfeld.optimize.data import ordering
-from kennfeld.optimize.data.ordering import Cells, scored_in_order
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.preprocessing import samples
+from kennfeld.preprocessing.samples import Cells, scored_in_order
 
 X, Y = np.linspace(0, 10, 6), np.array([0.0, 3.0, 5.0])
 TABLES = {"M": kf.Map("M", X, Y, np.zeros((6, 3))), "C": kf.Curve("C", X, np.zeros(6)), "K": kf.Scalar("K", 0.0)}
@@ -56,15 +56,15 @@ def test_a_coordinate_may_be_computed_and_undefined():
 
 
 def test_tables_beyond_the_finest_number_of_cells_are_left_out(monkeypatch):
-    monkeypatch.setattr(ordering, "FINEST", 10)
+    monkeypatch.setattr(samples, "FINEST", 10)
     held = columns()
     assert np.unique(numbers(cells("y = M(u, v)"), held)).size == np.unique(cell(held["u"], X)).size
 
 
 @pytest.mark.parametrize("block", [16, 1024])
 def test_samples_with_a_target_come_once_and_by_cell_within_each_block(block, monkeypatch):
-    monkeypatch.setattr(ordering, "BLOCK", block)
-    monkeypatch.setattr(ordering, "AT_ONCE", 8)
+    monkeypatch.setattr(samples, "BLOCK", block)
+    monkeypatch.setattr(samples, "AT_ONCE", 8)
     made, held = cells("y = M(u, v)"), columns(300)
     targets = [np.full(300, np.nan), np.zeros(300)]
     targets[1][::3] = np.nan

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.constraints import Limit
+from kennfeld.criteria import Criterion
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize import Criterion, Limit, Options, Problem, run
-from kennfeld.optimize.data.binding import bind
-from kennfeld.optimize.limits.output_limits import FEASIBLE
-from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize import Options, Problem, run
+from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.strategies.output_limits import FEASIBLE
+from kennfeld.preprocessing.binding import bind
 
 GRID = np.linspace(0, 10, 11)
 

@@ -3,11 +3,11 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.free_axes.densifying import densified, parts_of, thickened, turns_of
-from kennfeld.optimize.free_axes.placing import coarse
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled, Problem
-from kennfeld.optimize.solver.gauss_newton import Settings
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.solver.levenberg_marquardt import Settings
+from kennfeld.optimize.strategies.breakpoint_placement import coarse, densified, parts_of, thickened, turns_of
 
 
 def problem(*tables, smoothness=None):

@@ -7,10 +7,11 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.choice.blocks import Block
-from kennfeld.optimize.choice.prediction import GAMMA, HELD_BACK, Linearised, Prediction, minimised
-from kennfeld.optimize.problem import Compiled, Problem
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.tuning.holdout_blocks import Block
+from kennfeld.optimize.tuning.prediction_error import GAMMA, HELD_BACK, Linearised, Prediction, minimised
 
 AXES = {"M": 2, "C": 1}
 

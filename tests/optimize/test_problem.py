@@ -5,9 +5,10 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lowering import lower
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled, Problem, difference
+from kennfeld.optimize.problem import Problem, difference
 
 GRID = np.linspace(-2, 2, 6)
 TEXT = """

@@ -8,9 +8,9 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
-from kennfeld.optimize.limits.limits import Limits, Rows
-from kennfeld.optimize.solver.dual import nonnegative_dual
-from kennfeld.optimize.solver.quadratic import solve
+from kennfeld.optimize.solver.dual_active_set import nonnegative_dual
+from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.solver.quadratic_program import solve
 
 
 def limited(lower, upper, matrix=None, target=None):

@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.optimize.limits.constraints import Equality, Term
+from kennfeld.constraints import Equality, Term
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.search.reduction import kept, penalty_ratio, reduced, reduced_table, refined_table
-from kennfeld.parameters import Axis, Map, ParameterSet
+from kennfeld.optimize.search.grid_reduction import kept, penalty_ratio, reduced, reduced_table, refined_table
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Map
 
 
 class Packed:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.rejection import Reasons
+from kennfeld.optimize.rejected_steps import Reasons
 
 STEP = 0.1
 
@@ -112,8 +112,8 @@ def test_the_sample_is_counted_in_the_recording_with_its_gaps():
 
 def test_several_reasons_are_counted():
     from kennfeld.optimize.api import problem_of
-    from kennfeld.optimize.problem import Rejected
-    from kennfeld.optimize.rejection import told
+    from kennfeld.optimize.compiled import Rejected
+    from kennfeld.optimize.rejected_steps import told
 
     u = np.ones(3000)
     problem = problem_of("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from kennfeld.optimize.roughness import Roughness, second_differences
-from kennfeld.parameters import Cube, Curve, Map, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Cube, Curve, Map, Scalar
 
 UNEVEN = np.array([0.0, 1.0, 1.5, 4.0, 9.0])
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kennfeld.optimize.choice.rounds import RANGE, Round
-from kennfeld.optimize.solver.gauss_newton import Descent
+from kennfeld.optimize.solver.levenberg_marquardt import Descent
+from kennfeld.optimize.tuning.smoothness import RANGE, Round
 
 FIT = Descent(np.zeros(1), 0.0, "converged", "", 0, 0)
 MIDDLE = np.array([2.0, -1.0])

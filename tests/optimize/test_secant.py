@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.solver.secant import Secant
+from kennfeld.optimize.solver.gauss_newton_model import Secant
 
 
 def test_what_was_learnt_explains_the_last_change():

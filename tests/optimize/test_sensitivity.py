@@ -5,8 +5,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import problem_of
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
 
 RANDOM = np.random.default_rng(0)
 COUNT = 1500

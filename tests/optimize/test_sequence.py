@@ -7,9 +7,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld import Step
-from kennfeld.optimize.limits.constraints import Equality, Shape, Term
+from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.search.step import standing, stepped, whole
+from kennfeld.optimize.search.step_problem import standing, stepped, whole
 from kennfeld.project.demo import torque
 
 X = np.linspace(0.0, 3.0, 61)

@@ -10,8 +10,8 @@ import kennfeld as kf
 from kennfeld.dataset import Settling
 from kennfeld.errors import ArgumentError
 from kennfeld.optimize import Problem
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
 
 U = np.array([0.5, 1.5, 2.0, 3.0, 0.1, 2.7])
 MODELS = {

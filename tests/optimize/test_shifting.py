@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Dataset
-from kennfeld.optimize.choice.shifting import interpolated, shifted
+from kennfeld.preprocessing.time_shift import interpolated, shifted
 
 
 def made(time, starts=(0,), **columns):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.search.sobol import sobol
+from kennfeld.optimize.search.starts import sobol
 
 
 def points(count, dimensions, seed=0):

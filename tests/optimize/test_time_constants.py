@@ -5,7 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import problem_of
-from kennfeld.optimize.time_constants import bounded
+from kennfeld.optimize.problem import bounded
 
 U = np.repeat(np.random.default_rng(0).normal(size=40), 50)
 M = U + np.random.default_rng(1).normal(0.0, 0.01, U.size)

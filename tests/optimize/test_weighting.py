@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 import kennfeld as kf
+from kennfeld.criteria import Region
 from kennfeld.errors import ArgumentError
-from kennfeld.optimize import Problem, Region
+from kennfeld.optimize import Problem
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
 
 RANDOM = np.random.default_rng(5)
 X = np.linspace(0.0, 3.0, 60)

@@ -5,9 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import problem_of
-from kennfeld.optimize.limits.limiting import limits_of
-from kennfeld.optimize.limits.projection import project
-from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.projection import project
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.project.demo import torque
 

@@ -7,7 +7,8 @@ import pytest
 
 import kennfeld.calfiles  # noqa: F401  registers the writer of parameter sets
 from kennfeld.errors import Finding, InputError
-from kennfeld.parameters import Axis, Curve, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Scalar
 from kennfeld.project import Project
 
 TEXT = """\

@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld import InputError, calibrate, read_parameters
 from kennfeld.dataset import Dataset
-from kennfeld.project import fallback, replacement
+from kennfeld.project import fallback, folder_replacement
 from kennfeld.project.fallback import write_somewhere
 
 
@@ -38,14 +38,14 @@ def temporary(tmp_path, monkeypatch):
 
 def full_below(monkeypatch, *folders):
     """Let the disk be full as soon as files in these folders are written through."""
-    sync = replacement._sync
+    sync = folder_replacement._sync
 
     def fails(path):
         if any(folder in path.parents for folder in folders):
             raise OSError(28, "No space left on device")
         sync(path)
 
-    monkeypatch.setattr(replacement, "_sync", fails)
+    monkeypatch.setattr(folder_replacement, "_sync", fails)
 
 
 def test_a_result_goes_to_its_folder_without_a_word(result, tmp_path, temporary):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kennfeld.analysis.limits import pressing
+from kennfeld.analysis.limit_margins import pressing
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.parameters import Axis, Curve, Scalar
 from kennfeld.project.results import write

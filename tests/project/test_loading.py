@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.project.files import matching
+from kennfeld.preprocessing.recordings import matching
 
 
 def timed(shop, name="bench.csv", samples=6, **columns):

@@ -75,7 +75,7 @@ def test_a_second_run_does_not_read_the_files_again(project, tmp_path, monkeypat
     first = project("raster = 0.02").problem().datasets[0]
     assert len(list((tmp_path / ".kennfeld" / "cache").glob("*.parquet"))) == 2
     monkeypatch.setattr("kennfeld.measurement.cache.read_leniently", None)
-    monkeypatch.setattr("kennfeld.project.loading.read_leniently", None)
+    monkeypatch.setattr("kennfeld.preprocessing.pipeline.read_leniently", None)
     second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
     assert second.time.tolist() == first.time.tolist()
     assert all(second[name].values.tolist() == first[name].values.tolist() for name in first)
@@ -99,7 +99,7 @@ def test_what_a_file_lacks_is_not_found_out_twice(project, tmp_path, monkeypatch
             file.save(tmp_path / "bench_b.mf4", overwrite=True)
     first = made.problem().datasets[0]
     monkeypatch.setattr("kennfeld.measurement.cache.read_leniently", None)
-    monkeypatch.setattr("kennfeld.project.loading.describe", None)
+    monkeypatch.setattr("kennfeld.preprocessing.pipeline.describe", None)
     second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
     assert np.array_equal(first["Torque"].values, second["Torque"].values, equal_nan=True)
     assert np.isnan(first["Torque"].values).any()

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Dataset
-from kennfeld.project.plateaus import averaged, least_tolerance, longest, plateaus, segments, stretches
+from kennfeld.preprocessing.plateaus import averaged, least_tolerance, longest, plateaus, segments, stretches
 
 ONE = np.zeros(1, dtype=np.int64)
 

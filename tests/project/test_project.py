@@ -8,7 +8,8 @@ import pytest
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map, Scalar
 from kennfeld.project.demo import torque
 
 

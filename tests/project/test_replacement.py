@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from kennfeld.project.replacement import finish_interrupted, move, scratch_folder
+from kennfeld.project.folder_replacement import finish_interrupted, move, scratch_folder
 
 NAMES = ["a", "b", "c"]
 posix = pytest.mark.skipif(os.name != "posix", reason="kills a process")
@@ -149,7 +149,7 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(tmp_path,
             folder.rmdir()
         return tokens.pop(0)
 
-    monkeypatch.setattr("kennfeld.project.replacement.secrets.token_hex", token)
+    monkeypatch.setattr("kennfeld.project.folder_replacement.secrets.token_hex", token)
     with scratch_folder(folder) as scratch:
         assert scratch.name == ".kennfeld-2"
 

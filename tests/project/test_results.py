@@ -20,8 +20,7 @@ from kennfeld import (
     read,
     read_parameters,
 )
-from kennfeld.project.results import require_room, write, write_simulation, write_text
-from kennfeld.project.trust_table import COLUMNS
+from kennfeld.project.results import COLUMNS, require_room, write, write_simulation, write_text
 
 FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
 

@@ -8,7 +8,7 @@ import pytest
 from kennfeld import InputError, Stop, read_parameters
 from kennfeld.calfiles import describe
 from kennfeld.project import Project
-from kennfeld.project.saves import Saves
+from kennfeld.project.checkpoints import Saves
 
 TEXT = "input x\nm = a * exp(b * x) + C(x)\n"
 TOML = """\

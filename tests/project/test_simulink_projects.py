@@ -16,13 +16,14 @@ from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models import started
 from kennfeld.models.formula import read as read_formula
+from kennfeld.models.simulink.formula_export import write_formula
 from kennfeld.models.simulink.importing import simulink
-from kennfeld.models.simulink.text import write_formula
 from kennfeld.optimize.api import calibrate, simulate
-from kennfeld.parameters import Curve, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import write
-from kennfeld.report.facts import sources
+from kennfeld.report.provenance import sources
 
 DRAWN = "slx parts"
 

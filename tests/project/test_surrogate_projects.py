@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
-from kennfeld.expansion import Expansion
 from kennfeld.project import Project
+from kennfeld.rbf import Expansion
 from kennfeld.report import document, from_folder
 from kennfeld.surrogate import StaticSurrogate, Validity, write_surrogate
 

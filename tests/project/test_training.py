@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.errors import InputError
-from kennfeld.project.training import read_training
+from kennfeld.project.surrogate_training import read_training
 from kennfeld.surrogate import read_surrogate
 from kennfeld.surrogate.training import SurrogateSettings
 

@@ -268,7 +268,7 @@ def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):
     def fails(*_):
         raise ZeroDivisionError("<so>")
 
-    monkeypatch.setattr("kennfeld.report.making.page", fails)
+    monkeypatch.setattr("kennfeld.report.page.page", fails)
     text = safely(project, result)
     assert "could not be made" in text
     assert "ZeroDivisionError: &lt;so&gt;" in text

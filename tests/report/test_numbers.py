@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from kennfeld.report.decimation import Envelope, histogram, some
-from kennfeld.report.markup import element, table
-from kennfeld.report.numbers import percent, rounded, shown
+from kennfeld.report.figures import Envelope, histogram, some
+from kennfeld.report.markup import element, percent, rounded, shown, table
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 

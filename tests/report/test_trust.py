@@ -7,8 +7,8 @@ import pytest
 from kennfeld.project.results import write
 from kennfeld.report import from_folder
 from kennfeld.report.page import page
-from kennfeld.report.subject import subject
-from kennfeld.report.trust import TrustView, view
+from kennfeld.report.report_data import subject
+from kennfeld.report.stored_result import TrustView, view
 
 
 @dataclass

@@ -3,7 +3,7 @@
 import numpy as np
 
 from kennfeld.dataset import Dataset
-from kennfeld.expansion import Expansion
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Quality, StaticSurrogate, Validity
 
 

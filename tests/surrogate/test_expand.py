@@ -3,7 +3,7 @@ import pytest
 
 from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Curve, Map, Scalar
-from kennfeld.surrogate.expand import compress_map, expand_data
+from kennfeld.surrogate.rbf_fit import compress_map, expand_data
 
 
 @pytest.mark.parametrize("placing", ["k-means", "greedy"])

@@ -3,9 +3,8 @@ import pytest
 from surrogates import random_expansion
 
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.free_run import Settings, _evaluate, _normal, _Values, free_run_rmse, train_free_run
-from kennfeld.surrogate.lags import Lags
-from kennfeld.surrogate.recursion import Run, Runs, simulate
+from kennfeld.surrogate.narx_training import Settings, _evaluate, _normal, _Values, free_run_rmse, train_free_run
+from kennfeld.surrogate.recursion import Lags, Run, Runs, simulate
 
 LAGS = Lags((1, 3), ((0, 2),))
 
@@ -46,7 +45,7 @@ def test_blocks_do_not_change_a_run(monkeypatch):
 @pytest.mark.parametrize("moves_centres", [False, True])
 @pytest.mark.parametrize("limits", [(-np.inf, np.inf), (-0.3, 0.3)])
 def test_sensitivities_through_the_recursion_agree_with_differences(moves_centres, limits, monkeypatch):
-    monkeypatch.setattr("kennfeld.surrogate.free_run.BLOCK", 500)
+    monkeypatch.setattr("kennfeld.surrogate.narx_training.BLOCK", 500)
     runs = Runs.of(pieces(), LAGS)
     settings = Settings(moves_centres=moves_centres, limits=limits, hold=0.5)
     values = _Values(random_expansion(2, 4, 4), runs, settings)

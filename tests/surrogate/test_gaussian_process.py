@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.exact import Exact, exact_likelihood
+from kennfeld.surrogate.exact_gp import Exact, exact_likelihood
 from kennfeld.surrogate.gaussian_process import gaussian_process
-from kennfeld.surrogate.inducing import greedy, k_means
-from kennfeld.surrogate.plane import Plane
-from kennfeld.surrogate.sparse import Sparse, sparse_bound
+from kennfeld.surrogate.gp_kernel import Plane, greedy, k_means
+from kennfeld.surrogate.sparse_gp import Sparse, sparse_bound
 
 
 def wavy(x):

@@ -3,8 +3,7 @@ import pytest
 from surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.lags import Lags
-from kennfeld.surrogate.recursion import Run, Runs
+from kennfeld.surrogate.recursion import Lags, Run, Runs
 from kennfeld.surrogate.stability import check_stability
 
 

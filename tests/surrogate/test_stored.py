@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as arrays
 from surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 from kennfeld.errors import InputError
-from kennfeld.expansion import Expansion
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate import StaticSurrogate, read_surrogate, recognises_surrogate, write_surrogate
 
 

@@ -5,11 +5,10 @@ from surrogates import tank_recording
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
-from kennfeld.surrogate.choosing import _lowest
-from kennfeld.surrogate.free_run import Settings
-from kennfeld.surrogate.lag_selection import select_lags
-from kennfeld.surrogate.recordings import runs_of
+from kennfeld.surrogate.model_selection import _lowest, select_lags
+from kennfeld.surrogate.narx_training import Settings
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
+from kennfeld.surrogate.training_data import runs_of
 
 
 def bench(name, seed, use="training", samples=120):

@@ -9,9 +9,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.errors import InputError
-from kennfeld.expansion import Expansion
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
-from kennfeld.terminal.contents import contents
+from kennfeld.terminal.file_info import contents
 
 
 @pytest.fixture

@@ -1,8 +1,9 @@
 from pathlib import Path
 
 from kennfeld.calfiles import compare, merge
-from kennfeld.parameters import Curve, ParameterSet, Scalar, Text
-from kennfeld.terminal.differences import changed, differing, labels
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Scalar, Text
+from kennfeld.terminal.diff_lines import changed, differing, labels
 
 LEFT = ParameterSet([Scalar("K", 1.5, unit="Nm"), Curve("C", [1, 2], [3, 4]), Scalar("Old", 1)], [Text("T", "a\nb")])
 RIGHT = ParameterSet([Scalar("K", 1.25), Curve("C", [1, 2], [3, 4.5]), Scalar("New", 1)], [Text("T", "")])

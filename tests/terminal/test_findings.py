@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 from kennfeld.optimize.trust import Direction, Holding, NullSpace, Trust
-from kennfeld.terminal.findings import left_open
+from kennfeld.terminal.result_lines import left_open
 
 ONE = Direction("Scaling A by 1.01 changes nothing.", "Pin a value of A.", {}, True, 0.0, float("inf"))
 

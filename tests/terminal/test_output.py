@@ -6,9 +6,8 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.errors import Finding
-from kennfeld.terminal.differences import _RED, _paint
-from kennfeld.terminal.output import complain, say
-from kennfeld.terminal.table import aligned
+from kennfeld.terminal.diff_lines import _RED, _paint
+from kennfeld.terminal.output import aligned, complain, say
 
 EVIL = "Sp\x1b]0;title\x07e\x1b[2Jed\r\u202e[red]\x9b"
 SHOWN = r"Sp\u001b]0;title\u0007e\u001b[2Jed\u000d\u202e[red]\u009b"

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from kennfeld.errors import InputError
-from kennfeld.terminal.contents import contents
-from kennfeld.terminal.search import searched
+from kennfeld.terminal.file_info import contents
+from kennfeld.terminal.label_search import searched
 
 DRIVE = "time [s],EngineSpeed [rpm],WheelSpeed [rpm],Torque [Nm],rad[3],note\n" + "".join(
     f"{i / 10},{i},{i},{i},{i},cold\n" for i in range(3)

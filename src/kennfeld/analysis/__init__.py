@@ -1,9 +1,9 @@
 """What a result is worth: the errors that remain, and where they lie."""
 
 from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
-from kennfeld.analysis.cells import Cells
+from kennfeld.analysis.cell_errors import Cells
 from kennfeld.analysis.cross_validation import CrossValidation, FoldQuality, cross_validate, cross_validated
-from kennfeld.analysis.limits import OutputRange, Pressing, output_ranges, pressing
+from kennfeld.analysis.limit_margins import OutputRange, Pressing, output_ranges, pressing
 from kennfeld.analysis.residuals import Errors, Residuals, Summary, WorstSample, residuals
 
 __all__ = [

@@ -12,9 +12,9 @@ from kennfeld.calfiles.files import (
     unwritable,
     write,
 )
-from kennfeld.calfiles.flash import A2lFile, describe_a2l
+from kennfeld.calfiles.flash.description import A2lFile, describe_a2l
 from kennfeld.calfiles.merging import Change, Merged, merge
-from kennfeld.parameters import use_writer
+from kennfeld.parameter_set import use_writer
 
 __all__ = [
     "A2lFile",

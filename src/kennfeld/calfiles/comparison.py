@@ -9,7 +9,8 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["Comparison", "Difference", "Tolerance", "compare"]
 

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.calfiles.flash import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
-from kennfeld.calfiles.foreign import foreign_calibration, look_of
+from kennfeld.atomic_files import write_whole
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
 from kennfeld.calfiles.format import Content, Format, Source
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
-from kennfeld.whole_files import write_whole
+from kennfeld.calfiles.unsupported_files import foreign_calibration, look_of
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "losses", "read", "read_several", "write"]
 

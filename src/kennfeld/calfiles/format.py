@@ -1,39 +1,42 @@
-"""What every calibration format shares: the file as read, the notes taken on it, and what came out."""
+"""What every calibration format shares: the file as read, the notes taken on it, and what came out.
+
+What a set of parameters keeps of an image that it was read from.
+"""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
-__all__ = [
-    "Content",
-    "Format",
-    "Notes",
-    "Source",
-    "Written",
-    "counted",
-    "holds_control_characters",
-    "listed",
-    "one_line",
-]
+if TYPE_CHECKING:
+    from kennfeld.calfiles.a2l.objects import A2l
+    from kennfeld.calfiles.flash.image import Image
+
+__all__ = ["Content", "Flash", "Format", "Notes", "Source", "Written"]
 
 _DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
 _CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5|shift|euc|koi)", re.IGNORECASE)
-_CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 _LINE_OF = re.compile(r" line (\d+)")
 _HEAD = 65536  # bytes that tell text from other content
-_SHOWN = 5  # names in a remark
 _EXCERPT = 120  # characters of a line shown with a finding
+
+
+@dataclass(frozen=True, eq=False)
+class Flash:
+    """Where a set of parameters was read from: an image, and the A2L file that describes it."""
+
+    a2l: "A2l"
+    image: "Image"
 
 
 @dataclass
@@ -193,32 +196,3 @@ def _loaded(name: str) -> Callable[..., Any]:
     module, function = name.split(":")
     found: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), function)
     return found
-
-
-def holds_control_characters(text: str) -> bool:
-    """Whether a text has characters that no line of a text file can hold."""
-    return _CONTROL.search(text) is not None
-
-
-def one_line(text: str) -> str:
-    """The text with line breaks and other control characters turned into blanks."""
-    return _CONTROL.sub(" ", text)
-
-
-def counted(number: int, thing: str) -> str:
-    """A number of things in words.
-
-    >>> counted(1, "value"), counted(3, "value")
-    ('1 value', '3 values')
-    """
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return how many labels there are, and the first of their names.
-
-    >>> listed(["a", "b"])
-    '2 labels (a, b)'
-    """
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{counted(len(names), 'label')} ({', '.join(names[:_SHOWN])}{more})"

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from kennfeld.calfiles.format import Notes, holds_control_characters, listed
-from kennfeld.calfiles.words import remark_on_kinds
+from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.verbal_values import remark_on_kinds
 from kennfeld.errors import Finding
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.formatting import holds_control_characters, listed
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["loss_remarks"]
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from kennfeld.calfiles.comparison import Difference, compare
 from kennfeld.errors import Finding, InputError
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["Change", "Merged", "merge"]
 

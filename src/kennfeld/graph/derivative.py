@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.lowering import Free, dependent, enters
-from kennfeld.graph.node import Builder, Graph, Node, State
+from kennfeld.graph.adjoints import PullBack, of_breakpoints, partials, pull_back
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.lookup_lowering import Free, enters
+from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.partials import cone, of_breakpoints, partials
-from kennfeld.graph.pullback import PullBack, pull_back
+from kennfeld.graph.traversal import cone, dependent
 
 __all__ = ["Linearization", "Slopes", "Written", "differentiate"]
 
@@ -86,7 +87,7 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
         return enters(node, free)
 
     live = dependent(graph, is_atom)
-    b = Builder.of(graph)
+    b = GraphBuilder.of(graph)
     carried = tuple(i for i, s in enumerate(graph.states) if s.init in live or s.next in live)
     seeds = tuple(b.node("state", (), i) for i in carried)
     rows = (*outputs, *(graph.states[i].next for i in carried))
@@ -102,14 +103,14 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
     )
 
 
-def _slopes(b: Builder, rows: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> Slopes:
+def _slopes(b: GraphBuilder, rows: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> Slopes:
     nodes, visits = _extent(b, [row for row in rows if row in active], active)
     if visits > MOST_VISITS and visits > SHARED * nodes:
         return pull_back(b, rows, active, is_atom)
     return Written(tuple(_reverse(b, row, active, is_atom) for row in rows))
 
 
-def _extent(b: Builder, rows: Sequence[int], active: Collection[int]) -> tuple[int, int]:
+def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tuple[int, int]:
     """How many nodes the rows see, all together and each for itself."""
     seen: dict[int, int] = defaultdict(int)  # the rows that see a node, a bit each
     for number, row in enumerate(rows):
@@ -124,7 +125,7 @@ def _extent(b: Builder, rows: Sequence[int], active: Collection[int]) -> tuple[i
 class _Adjoints:
     """Sums of adjoints by node, remembering which of them a condition may switch off."""
 
-    def __init__(self, b: Builder) -> None:
+    def __init__(self, b: GraphBuilder) -> None:
         self.b = b
         self.total: dict[int, int] = {}
         self.switched: set[int] = set()
@@ -136,7 +137,7 @@ class _Adjoints:
             self.switched.add(to)
 
 
-def _reverse(b: Builder, root: int, active: Collection[int], is_atom: Callable[[Node], bool]) -> dict[int, int]:
+def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Callable[[Node], bool]) -> dict[int, int]:
     """Derivatives of `root` with respect to the atoms and states it reaches within one step."""
     if root not in active:
         return {}
@@ -158,12 +159,12 @@ def _reverse(b: Builder, root: int, active: Collection[int], is_atom: Callable[[
     return found
 
 
-def _of_breakpoints(b: Builder, at: int, adjoint: int, switched: bool) -> int:
+def _of_breakpoints(b: GraphBuilder, at: int, adjoint: int, switched: bool) -> int:
     """The derivative with respect to B(p), from that with respect to the position p."""
     return b.call("guard" if switched else "mul", adjoint, of_breakpoints(b, at))
 
 
-def _starts(b: Builder, states: Sequence[State]) -> list[int]:
+def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:
     """For each state the node of its first value, other states' first values put in the place of their reads."""
     number: dict[int, int] = {}  # of each node what it is in the first sample
     open_states: set[int] = set()

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.graph.lowering import dependent
 from kennfeld.graph.node import Graph
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.graph.traversal import dependent
 
 __all__ = ["Event", "events"]
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from kennfeld.graph.lowering import dependent
 from kennfeld.graph.node import Graph
+from kennfeld.graph.traversal import dependent
 
 __all__ = ["factors"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
+from kennfeld.free_axes import AxisKey, free_axes
 from kennfeld.graph.derivative import Linearization, Slopes, Written
-from kennfeld.graph.free_axes import AxisKey, free_axes
 from kennfeld.graph.interpolation import (
     cell_weights,
     density,
@@ -16,10 +16,10 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
-from kennfeld.graph.lowering import AxisRef, ExpansionRef, Lowered, TableRef, lower
+from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, Lowered, TableRef, lower
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF
 
 __all__ = ["Evaluation", "Interpreter", "Rows", "evaluate"]

@@ -4,15 +4,14 @@ A graph computes outputs and next states from inputs, parameters and states. Mem
 a value that is read `latency` steps after it was written. `prev` is latency 1, a delay of n steps latency n.
 """
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
-from kennfeld.graph.operations import OPERATIONS
+__all__ = ["CLOCK", "Graph", "Node", "State", "extract"]
 
-__all__ = ["Builder", "Graph", "Node", "State"]
+CLOCK = ("dt", "t")
 
 
 class Node(NamedTuple):
@@ -76,112 +75,6 @@ class Graph:
     def parameters(self) -> Mapping[str, int]:
         """Parameters the graph looks up, each with its number of axes."""
         return {n.payload: len(n.args) for n in self.nodes if n.op == "lookup"}
-
-
-CLOCK = ("dt", "t")
-
-
-class Builder:
-    """Collects nodes; equal ones become one, constants are folded.
-
-    >>> b = Builder()
-    >>> x = b.input("x")
-    >>> b.call("mul", x, b.const(2.0)) == b.call("mul", x, b.const(2.0))
-    True
-    """
-
-    def __init__(self) -> None:
-        self.nodes: list[Node] = []
-        self.states: list[State] = []
-        self._index: dict[tuple[Any, ...], int] = {}
-
-    @classmethod
-    def of(cls, graph: Graph) -> Self:
-        """A builder that goes on from a graph; its nodes keep their numbers."""
-        made = cls()
-        for op, args, payload in graph.nodes:
-            made.node(op, args, payload)
-        made.states.extend(graph.states)
-        return made
-
-    def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
-        """The number of this node, made where it does not exist yet."""
-        key = (op, args, payload.hex() if isinstance(payload, float) else payload)
-        found = self._index.get(key)
-        if found is None:
-            found = self._index[key] = len(self.nodes)
-            self.nodes.append(Node(op, args, payload))
-        return found
-
-    def const(self, value: float) -> int:
-        """A constant."""
-        return self.node("const", (), math.nan if math.isnan(value) else float(value))  # one NaN, so that == holds
-
-    def input(self, name: str) -> int:
-        """A channel of the measurement."""
-        return self.node("input", (), name)
-
-    def lookup(self, parameter: str, *coordinates: int) -> int:
-        """The value of a scalar, or of a table at these coordinates."""
-        return self.node("lookup", coordinates, parameter)
-
-    def call(self, op: str, *args: int) -> int:
-        """An elementwise operation of `OPERATIONS`; constants are folded, neutral elements dropped."""
-        if op == "select" and self.nodes[args[0]].op == "const":
-            return args[1] if self.nodes[args[0]].payload else args[2]
-        if all(self.nodes[a].op == "const" for a in args):
-            return self.const(OPERATIONS[op].evaluate(*(self.nodes[a].payload for a in args)))
-        return self._neutral(op, args) if op in _NEUTRAL else self.node(op, args)
-
-    def _neutral(self, op: str, args: tuple[int, ...]) -> int:
-        left, right, left_stays, right_stays = args[0], args[-1], *_NEUTRAL[op]
-        if self._is(right, left_stays):
-            return left
-        if self._is(left, right_stays):
-            return right
-        return self.node(op, args)
-
-    def _is(self, node: int, value: float | None) -> bool:
-        return value is not None and self.nodes[node].op == "const" and bool(self.nodes[node].payload == value)
-
-    def state(self, latency: int = 1) -> int:
-        """A memory to be read now; `close` says what it holds."""
-        self.states.append(State(-1, -1, latency))
-        return self.node("state", (), len(self.states) - 1)
-
-    def close(self, state: int, init: int, next: int) -> None:  # noqa: A002
-        """Complete the memory that node `state` reads."""
-        which = self.nodes[state].payload
-        self.states[which] = State(init, next, self.states[which].latency)
-
-    def prev(self, x: int, init: int, latency: int = 1) -> int:
-        """`x` of `latency` steps before, `init` of the first sample until then."""
-        key = ("prev", x, init, latency)
-        if key not in self._index:
-            made = self.state(latency)
-            self.close(made, init, x)
-            self._index[key] = made
-        return self._index[key]
-
-    def finish(
-        self,
-        names: Mapping[str, int],
-        units: Mapping[str, str] | None = None,
-        outputs: Sequence[str] = (),
-    ) -> Graph:
-        """The graph of the named nodes and what they need, with canonical numbers."""
-        return extract(self.nodes, self.states, names, units or {}, outputs)
-
-
-# operation -> (constant on the right that leaves the left operand, constant on the left that leaves the right one)
-_NEUTRAL: dict[str, tuple[float | None, float | None]] = {
-    "add": (0.0, 0.0),
-    "sub": (0.0, None),
-    "mul": (1.0, 1.0),
-    "guard": (1.0, 1.0),
-    "div": (1.0, None),
-    "pow": (1.0, None),
-}
 
 
 def extract(

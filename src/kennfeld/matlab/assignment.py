@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.arithmetic import as_class, result_class
-from kennfeld.matlab.evaluation import Evaluator, chain_of
+from kennfeld.matlab.evaluator import Evaluator, chain_of
 from kennfeld.matlab.indexing import Index, part, replaced, without
-from kennfeld.matlab.objects import defaults
+from kennfeld.matlab.operators import as_class, result_class
+from kennfeld.matlab.simulink_objects import defaults
 from kennfeld.matlab.values import (
     EMPTY,
     Array,

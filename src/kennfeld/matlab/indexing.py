@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Int
-from kennfeld.matlab.budget import Budget
+from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.values import Array, NoValueError, Value, numbers, plain
 
 __all__ = ["ALL", "Index", "part", "replaced", "without"]

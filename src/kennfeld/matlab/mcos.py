@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.matlab.tree import (
+from kennfeld.matlab.mat_nodes import (
     MOST_BYTES,
     Cells,
     DamageError,
@@ -23,7 +23,7 @@ from kennfeld.matlab.tree import (
     Unreadable,
     text_of,
 )
-from kennfeld.matlab.v5 import elements_from
+from kennfeld.matlab.mat_v5 import elements_from
 
 __all__ = ["opened", "single", "workspace"]
 

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 from kennfeld.errors import Finding
 from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.expressions import Expressions
+from kennfeld.matlab.expression_parser import Expressions
+from kennfeld.matlab.lexer import Kind, Token, tokens_of
 from kennfeld.matlab.syntax import (
     Assign,
     Binary,
@@ -29,7 +30,6 @@ from kennfeld.matlab.syntax import (
     Try,
     While,
 )
-from kennfeld.matlab.tokens import Kind, Token, tokens_of
 
 __all__ = ["parse_expression", "parse_script", "read_script"]
 

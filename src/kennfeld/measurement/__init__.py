@@ -1,6 +1,6 @@
 """Measurement files: one reader a format, found by content."""
 
-from kennfeld.measurement.description import ChannelDescription, Description, TableDescription, TimeDescription
 from kennfeld.measurement.reader import describe, read
+from kennfeld.measurement.table_conversion import ChannelDescription, Description, TableDescription, TimeDescription
 
 __all__ = ["ChannelDescription", "Description", "TableDescription", "TimeDescription", "describe", "read"]

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError, nearest
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import nearest
 from kennfeld.measurement.cells import is_missing
-from kennfeld.measurement.columns import ColumnBuilder, Selection, Table
+from kennfeld.measurement.file_kind import Source
 from kennfeld.measurement.header import Header, find_header
-from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.table import ColumnBuilder, Selection, Table
 from kennfeld.workbooks import Unsaved, Workbook, column_letters, opened
 
 __all__ = ["read_tables"]

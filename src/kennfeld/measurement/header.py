@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kennfeld.measurement.cells import Decimal, is_missing, number
-from kennfeld.measurement.units import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
+from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
 
 __all__ = ["Header", "find_header"]
 

@@ -12,15 +12,14 @@ import numpy as np
 from kennfeld.arrays import Bool
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal
-from kennfeld.measurement.columns import Column, ColumnBuilder, Selection, Table, capped
-from kennfeld.measurement.description import TableDescription, described
-from kennfeld.measurement.dialect import split
+from kennfeld.measurement.csv_dialect import split
 from kennfeld.measurement.encoding import encoding_of
+from kennfeld.measurement.file_kind import Source
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.naming import distinct
-from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, capped, distinct
+from kennfeld.measurement.table_conversion import TableDescription, described
 from kennfeld.measurement.text import lines_of
-from kennfeld.measurement.units import plain_unit
+from kennfeld.measurement.unit_text import plain_unit
 
 __all__ = ["describe_tables", "read_tables"]
 

@@ -13,10 +13,9 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
-from kennfeld.measurement.columns import Column, ColumnBuilder, Selection, Table, capped
 from kennfeld.measurement.encoding import encoding_of
-from kennfeld.measurement.naming import distinct
-from kennfeld.measurement.sniff import Source
+from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, capped, distinct
 from kennfeld.measurement.text import lines_of
 
 __all__ = ["read_tables"]

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.matlab import v4, v5, v73
-from kennfeld.matlab.tree import DamageError, Node
-from kennfeld.measurement.columns import Column, Selection, Table
-from kennfeld.measurement.description import TableDescription, described
+from kennfeld.matlab import mat_v4, mat_v5, mat_v73
+from kennfeld.matlab.mat_nodes import DamageError, Node
+from kennfeld.measurement.file_kind import Kind, Source, locate
 from kennfeld.measurement.matlab_signals import Clock, Found, Signal, find_signals
-from kennfeld.measurement.naming import distinct
-from kennfeld.measurement.sniff import Kind, Source, locate
+from kennfeld.measurement.table import Column, Selection, Table, distinct
+from kennfeld.measurement.table_conversion import TableDescription, described
 
 __all__ = ["describe_tables", "holds_samples", "read_tables"]
 
@@ -71,13 +70,13 @@ def _all(source: Source) -> Found:
 def _variables(source: Source) -> dict[str, Node]:
     with source.open() as stream:
         start = stream.read(9)
-    if source.kind is Kind.HDF5 and not v73.is_matlab(source.path):
+    if source.kind is Kind.HDF5 and not mat_v73.is_matlab(source.path):
         what = "this is an HDF5 file, but not one of MATLAB"
         raise InputError.of(source.name, what, "Export it as MDF, CSV or Parquet.")
     if source.kind is Kind.HDF5 or start == b"MATLAB 7.":
-        return v73.load(source.path)
+        return mat_v73.load(source.path)
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
-    return v5.load(content) if start.startswith(b"MATLAB") else v4.load(content)
+    return mat_v5.load(content) if start.startswith(b"MATLAB") else mat_v4.load(content)
 
 
 def _found(source: Source) -> Found:

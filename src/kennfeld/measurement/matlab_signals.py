@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.matlab.tree import Cells, Node, Numbers, Struct, Structs, Text, Unreadable, text_of
-from kennfeld.measurement.units import plain_unit, time_unit
+from kennfeld.matlab.mat_nodes import Cells, Node, Numbers, Struct, Structs, Text, Unreadable, text_of
+from kennfeld.measurement.unit_text import plain_unit, time_unit
 
 __all__ = ["Clock", "Found", "Signal", "find_signals"]
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
-from kennfeld.measurement.columns import Column, Selection, Table
-from kennfeld.measurement.description import TableDescription, described
+from kennfeld.measurement.file_kind import Source
 from kennfeld.measurement.mdf_blocks import check_links
-from kennfeld.measurement.sniff import Source
-from kennfeld.measurement.units import in_seconds, plain_unit
+from kennfeld.measurement.table import Column, Selection, Table
+from kennfeld.measurement.table_conversion import TableDescription, described
+from kennfeld.measurement.unit_text import in_seconds, plain_unit
 
 __all__ = ["describe_tables", "read_tables"]
 

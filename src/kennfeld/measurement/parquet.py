@@ -8,10 +8,10 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
-from kennfeld.measurement.columns import Column, Selection, Table
+from kennfeld.measurement.file_kind import Source
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.sniff import Source
-from kennfeld.measurement.units import split_name
+from kennfeld.measurement.table import Column, Selection, Table
+from kennfeld.measurement.unit_text import split_name
 
 __all__ = ["read_tables"]
 

@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.measurement.assemble import assemble
-from kennfeld.measurement.columns import Selection, Table
-from kennfeld.measurement.description import Description, described
-from kennfeld.measurement.foreign import refuse_foreign
-from kennfeld.measurement.infinite import without_infinite
-from kennfeld.measurement.rasters import join
-from kennfeld.measurement.sniff import Kind, Source, guarded, locate
-from kennfeld.measurement.timelines import timelines
-from kennfeld.measurement.untimed import without_untimed
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.measurement.channel_groups import join, timelines
+from kennfeld.measurement.file_kind import Kind, Source, guarded, locate
+from kennfeld.measurement.table import Selection, Table, without_infinite
+from kennfeld.measurement.table_conversion import Description, assemble, described
+from kennfeld.measurement.time_column import without_untimed
+from kennfeld.measurement.unsupported_files import refuse_foreign
 
 __all__ = ["describe", "read", "read_leniently"]
 

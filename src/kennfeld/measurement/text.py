@@ -1,7 +1,22 @@
-"""Reads CSV and its relatives: exactly, line by line, or all at once where the file is clean."""
+"""Reads CSV and its relatives: exactly, line by line, or all at once where the file is clean.
+
+Reads MSL files, the text logs of TunerStudio and MegaTune.
+
+Lines of information in quotes, a line of names and one of units with tabs between, rows, and markers among the rows.
+After a restart of the ECU the time may start anew and the lines of names and units may come once more.
+
+Clean text files of moderate size, all at once: nothing but plain numbers, as many in each row.
+
+Whatever else a file may hold (gaps, text, quotes, blank lines, rows of another length) is left to the exact reader,
+which knows the line it stands in.
+
+What a text file leaves open, and how it was taken: its encoding, and points that may separate thousands.
+"""
 
 import codecs
 import io
+import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -9,16 +24,22 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
-from kennfeld.measurement.clean import read_clean
-from kennfeld.measurement.columns import ColumnBuilder, Selection, Table, capped
-from kennfeld.measurement.dialect import Dialect, find_dialect, is_comment, split
-from kennfeld.measurement.doubts import with_doubts
-from kennfeld.measurement.encoding import encoding_of
-from kennfeld.measurement.marks import KEPT, is_mark, marks_detail
-from kennfeld.measurement.sniff import Source
-from kennfeld.measurement.timing import find_time, seconds
+from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split
+from kennfeld.measurement.encoding import GUESSED, encoding_of
+from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.table import KEPT, Column, ColumnBuilder, Selection, Table, capped, is_mark, marks_detail
+from kennfeld.measurement.time_column import find_time, seconds
 
-__all__ = ["dialect_of", "lines_of", "read_exactly", "read_tables"]
+__all__ = ["lines_of"]
+
+_MOST_CLEAN = 64_000_000  # bytes, unpacked; larger files are read row by row
+_NUMBERS = b"0123456789+-.eE"
+
+_START = 1 << 16  # characters that settle it in most files
+_MOST = 64_000_000  # characters that are looked at
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 1.100, which may be 1100
+_POINTED = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_LEAST_GROUPED = 1000  # plain numbers from here on would have a separator, too
 
 BULK = 8_000_000  # bytes; below it the import of pandas costs more than it saves
 _HEAD_LINES = 200
@@ -28,11 +49,113 @@ _LINE = 16_000_000  # characters; no line of a measurement is longer
 _BLOCK = 4096  # rows
 
 
+def read_clean(source: Source, dialect: Dialect, selection: Selection) -> Table | None:
+    """The table of a text file, or None where the exact reader has to look at it."""
+    header = dialect.header
+    width = len(header.names)
+    if dialect.decimal != "." or dialect.separator == " " or header.width != width:
+        return None
+    with source.open() as stream:
+        text = stream.read(_MOST_CLEAN + 1)
+    text = text.replace(b"\r\n", b"\n")
+    lines = text.split(b"\n", header.data)
+    if len(text) > _MOST_CLEAN or b"\r" in text or len(lines) <= header.data:
+        return None
+    cells, separator = lines[-1].rstrip(b"\n"), dialect.separator.encode()
+    count = cells.count(b"\n") + 1
+    row = separator * (width - 1) + b"\n"
+    if cells.translate(None, _NUMBERS) != (row * count)[:-1]:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # numpy's word for what is no number
+        try:
+            values = np.fromstring(cells.replace(b"\n", b",").replace(separator, b",").decode("ascii"), sep=",")
+        except (DeprecationWarning, ValueError):
+            return None
+    if values.size != count * width:
+        return None
+    table = values.reshape(count, width)
+    made = tuple(
+        Column(header.names[i], header.units[i], header.names[i], np.ascontiguousarray(table[:, i]))
+        for i in selection.wants(header)
+    )
+    rows = np.arange(count) + header.data + 1
+    return Table(source.name, made, rows, names=header.names, details=dialect.details)
+
+
+def with_doubts(source: Source, dialect: Dialect, table: Table) -> Table:
+    """Return the table of a text file with a remark for each thing that the file leaves open."""
+    remarks = [*_encoding(source, dialect), *_thousands(source, dialect, table)]
+    return replace(table, remarks=(*table.remarks, *remarks)) if remarks else table
+
+
+def _encoding(source: Source, dialect: Dialect) -> Iterator[Finding]:
+    if dialect.encoding in GUESSED:
+        what = f"is not UTF-8 and was read as {GUESSED[dialect.encoding]}, which most of its characters suggest"
+        yield Finding(source.name, what, "Save it as UTF-8 if names or units are wrong.", severity="remark")
+
+
+@dataclass
+class _Grouped:
+    """The numbers of a column that may be grouped by thousands: the first one, its line, and how many there are."""
+
+    text: str
+    line: int
+    count: int = 0
+
+
+def _thousands(source: Source, dialect: Dialect, table: Table) -> Iterator[Finding]:
+    """A warning for each column that holds 1.100 beside 950 in a file that shows no other decimal point."""
+    if dialect.separator in (",", " ") or dialect.decimal != ".":
+        return
+    grouped = _grouped(source, dialect)
+    indices = {name: i for i, name in reversed(list(enumerate(table.names)))}
+    for column in table.columns:
+        cell = grouped.get(indices.get(column.name, -1))
+        if cell is None or column.dated or column.is_text:
+            continue
+        values = np.abs(column.values[~np.isnan(column.values)])
+        if values.size == cell.count or values.max() >= _LEAST_GROUPED:
+            continue
+        meant = cell.text.replace(".", "")
+        what = f"{cell.text} is read as {float(cell.text):g}, but may mean {meant}: other cells have no point"
+        mend = f"If it means {meant}, export the file without thousands separators; if not, ignore this."
+        yield Finding(f"{table.place} line {cell.line}, column {column.place}", what, mend, severity="warning")
+
+
+def _grouped(source: Source, dialect: Dialect) -> dict[int, _Grouped]:
+    """The numbers of each column that may be grouped; none if any cell of the file has a decimal point for sure."""
+    found: dict[int, _Grouped] | None = {}
+    for size in (_START, _MOST):
+        with io.TextIOWrapper(source.open(), dialect.encoding, errors="replace", newline=None) as stream:
+            text = stream.read(size)
+        found = _grouped_in(text, dialect)
+        if found is None or len(text) < size:
+            break
+    return found or {}
+
+
+def _grouped_in(text: str, dialect: Dialect) -> dict[int, _Grouped] | None:
+    """The same of a text; None if it shows a decimal point."""
+    found: dict[int, _Grouped] = {}
+    for line_number, line in enumerate(text.split("\n"), 1):
+        if line_number <= dialect.header.data or "." not in line:
+            continue
+        for i, raw in enumerate(line.split(dialect.separator)):
+            cell = raw.strip(' "')
+            if "." not in cell or not _POINTED.fullmatch(cell):
+                continue
+            if not _GROUPED.fullmatch(cell):
+                return None
+            found.setdefault(i, _Grouped(cell, line_number)).count += 1
+    return found
+
+
 def read_tables(source: Source, selection: Selection) -> list[Table]:
     """The one table of a text file."""
     dialect = dialect_of(source)
     if source.size > BULK:
-        from kennfeld.measurement.bulk import read_bulk
+        from kennfeld.measurement.bulk_csv import read_bulk
 
         table = read_bulk(source, dialect, selection)
         if table is not None:
@@ -200,3 +323,17 @@ def _other_decimal(table: Table, dialect: Dialect) -> Decimal | None:
     other: Decimal = "," if dialect.decimal == "." else "."
     cells = [cell for column in table.columns for _, cell in column.texts]
     return other if any(number(cell, other) is not None for cell in cells) else None
+
+
+def read_msl_tables(source: Source, selection: Selection) -> list[Table]:
+    """The one table of a text log; each restart of its time begins a new piece."""
+    dialect = dialect_of(source)
+    above = []
+    for _, line in zip(range(dialect.header.data), lines_of(source, dialect.encoding), strict=False):
+        above.append(line[1])
+    heads, names = above[: dialect.header.row], above[dialect.header.row :]
+    repeated = frozenset(line for line in (*heads, *names) if line.strip())
+    table = read_exactly(source, replace(dialect, repeated=repeated), selection)
+    first = next((line.strip('" ') for line in heads if line.strip('" ')), "")
+    by = (("by", " ".join(first.split())[:80]),) if first else ()
+    return [with_doubts(source, dialect, replace(table, details=(*by, *table.details), restarts=True))]

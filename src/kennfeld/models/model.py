@@ -9,7 +9,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph import Graph
-from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
 if TYPE_CHECKING:  # most models call none
     from kennfeld.surrogate import Surrogate

@@ -1,10 +1,12 @@
 """Graphs compiled to machine code."""
 
+from kennfeld.criteria import Loss
+from kennfeld.graph.value_layout import Values
 from kennfeld.native.accumulator import Accumulator, Normal
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.gram import Gram
-from kennfeld.native.kernel import Kernel, Values
-from kennfeld.native.output import Loss, Output
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
 

@@ -3,6 +3,8 @@
 A matrix of lookups is sparse: a row of data ties the few grid points around it. What the factor fills is known from
 the order of the values (see `envelope`); a dense factorisation would work on the zeros outside as well.
 Blocks of eight rows are stored column by column, so that all work is on vectors of eight.
+
+Code on matrices stored in block rows: eight rows each, column by column, from a first block column on.
 """
 
 from collections.abc import Callable
@@ -16,11 +18,71 @@ from kennfeld.native.addresses import INT64, address, is_strided, strided
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
 from kennfeld.native.ir import EIGHT, LANES, Function, literal
-from kennfeld.native.panels import FACTOR, ZERO, column_of, divide, first_of, less, panel_of, reduced
 
-__all__ = ["Cholesky", "Factor"]
+__all__ = ["FACTOR", "Cholesky", "Factor", "column_of", "divide", "first_of", "more", "panel_of", "reduced"]
+
+FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
+ZERO = literal(0.0)
 
 POOR = 1.5  # times the work of the order when it was found
+
+MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))
+ROWS = (("ptr", "rows"), ("i64", "count"))
+ONE = literal(1.0)
+
+
+def panel_of(f: Function, block: str) -> str:
+    """The address of column 0 of a block row; only those from its first on exist."""
+    return f.at("%panels", f.load("%start", block, "i64"))
+
+
+def first_of(f: Function, block: str) -> str:
+    """The first column of a block row."""
+    return f.mul(f.load("%first", block, "i64"), BLOCK)
+
+
+def column_of(f: Function, panel: str, column: str) -> str:
+    """The address of a column of a block row."""
+    return f.at(panel, column, EIGHT)
+
+
+def reduced(f: Function, panel: str, other: str, first: str, end: str) -> list[str]:
+    """The eight columns of a block, less the product of the columns from `first` on; `other` is the block column's."""
+    rest = [f.slot(EIGHT) for _ in range(BLOCK)]
+    for c, column in enumerate(rest):
+        f.store(f.load(column_of(f, panel, f.add(end, c)), kind=EIGHT), column, kind=EIGHT)
+    with f.loop(first, end) as k:
+        own = f.load(column_of(f, panel, k), kind=EIGHT)
+        scalars = column_of(f, other, k)
+        for c, column in enumerate(rest):
+            f.store(less(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
+    return [f.load(column, kind=EIGHT) for column in rest]
+
+
+def less(f: Function, column: str, vector: str, scalar: str) -> str:
+    """The column less vector times scalar."""
+    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
+    return f.new(f"fsub contract {EIGHT} {column}, {product}")
+
+
+def more(f: Function, column: str, vector: str, scalar: str) -> str:
+    """The column and vector times scalar."""
+    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
+    return f.new(f"fadd contract {EIGHT} {column}, {product}")
+
+
+def divide(f: Function, panel: str, other: str, j: str, rest: list[str]) -> None:
+    """Columns of the block: X L' = rest with the diagonal block L of block row j."""
+    at = f.mul(j, BLOCK)
+    done: list[str] = []
+    for c in range(BLOCK):
+        column = rest[c]
+        for d, solved in enumerate(done):
+            column = less(f, column, solved, f.load(column_of(f, other, f.add(at, d)), c))
+        scale = f.splat(f.load("%inverse", f.add(at, c)))
+        done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
+    for c, column in enumerate(done):
+        f.store(column, column_of(f, panel, f.add(at, c)), kind=EIGHT)
 
 
 @dataclass(frozen=True)
@@ -151,11 +213,6 @@ class Cholesky:
             self._take(self._widened())
             self._factor.load(matrix, diagonal)
         return self._factor if self._factor.factor() else None
-
-
-MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))
-ROWS = (("ptr", "rows"), ("i64", "count"))
-ONE = literal(1.0)
 
 
 @cache

@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Node
-from kennfeld.graph.free_axes import AxisKey
-from kennfeld.graph.lowering import AxisRef, ExpansionRef, TableRef
+from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, TableRef
+from kennfeld.native.column_table import HEAD, load_sample
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
 from kennfeld.native.engine import Shared
-from kennfeld.native.expansion import evaluation, value_slopes
 from kennfeld.native.ir import LANES, Function, literal
-from kennfeld.native.rows import HEAD, load_sample
-from kennfeld.native.tables import Cell, Window, corners, find_cell, smooth_window
+from kennfeld.native.rbf_code import evaluation, value_slopes
+from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
 
 __all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-from kennfeld.native.library import c_function
+from kennfeld.native.elementwise import c_function
 
 __all__ = ["Engine", "Shared"]
 

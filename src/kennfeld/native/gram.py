@@ -11,11 +11,10 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native.addresses import INT64, address
-from kennfeld.native.cholesky import Factor
+from kennfeld.native.cholesky import FACTOR, Factor, column_of, divide, first_of, more, panel_of, reduced
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK
 from kennfeld.native.ir import EIGHT, Function
-from kennfeld.native.panels import FACTOR, column_of, divide, first_of, more, panel_of, reduced
 
 __all__ = ["Gram"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
-from kennfeld.native.rows import BLOCK, Order, Row, Rows
+from kennfeld.native.column_table import BLOCK, Order, Row, Rows
 
 __all__ = ["Chunk", "Piece", "Samples", "shares"]
 

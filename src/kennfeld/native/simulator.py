@@ -7,14 +7,15 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.derivative import differentiate
-from kennfeld.graph.lowering import Lowered
+from kennfeld.graph.lookup_lowering import Lowered
+from kennfeld.graph.value_layout import order_values
 from kennfeld.native.addresses import INT64, POINTER, address
+from kennfeld.native.column_table import Rows
 from kennfeld.native.emitter import Layout
-from kennfeld.native.kernel import input_rows, order_values
-from kennfeld.native.rows import Rows
-from kennfeld.native.step import compiled, values_code
+from kennfeld.native.kernel import input_rows
+from kennfeld.native.sample_loop import compiled, values_code
 from kennfeld.native.tape import start_code
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
 __all__ = ["Simulator"]
 

@@ -10,8 +10,8 @@ from functools import cache, cached_property
 
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.manystates import ManyStates, add_combination, many_tables
-from kennfeld.native.pattern import MANY, Pattern
+from kennfeld.native.jacobian_sweeps import ManyStates, add_combination, many_tables
+from kennfeld.native.tape_layout import MANY, Pattern
 
 __all__ = ["MANY", "VECTOR", "Pattern", "Sweeps", "sweeps"]
 

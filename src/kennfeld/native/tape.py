@@ -16,17 +16,29 @@ may occur in several entries.
 
 from collections.abc import Sequence
 
+from kennfeld.graph.adjoints import PullBack
 from kennfeld.graph.derivative import Linearization
-from kennfeld.graph.pullback import PullBack
+from kennfeld.native.adjoint_loop import FILLED, PullProgram
+from kennfeld.native.column_table import find
 from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
-from kennfeld.native.entries import entries_of, entry_items
 from kennfeld.native.ir import Function, literal
-from kennfeld.native.output import Output, counts, loss_of, scaled_residual, weighted
-from kennfeld.native.pattern import Pattern
-from kennfeld.native.pullprogram import FILLED, PullProgram
-from kennfeld.native.rows import find
-from kennfeld.native.slopes import PulledRows, WrittenRows, output_row, state_row
-from kennfeld.native.step import RANGE, ROW, Code, Sample, each_sample, loop_code, node_items, step_items
+from kennfeld.native.jacobian_rows import PulledRows, WrittenRows, entries_of, entry_items, output_row, state_row
+from kennfeld.native.sample_loop import (
+    RANGE,
+    ROW,
+    Code,
+    Output,
+    Sample,
+    counts,
+    each_sample,
+    loop_code,
+    loss_of,
+    node_items,
+    scaled_residual,
+    step_items,
+    weighted,
+)
+from kennfeld.native.tape_layout import Pattern
 
 __all__ = ["start_code", "tape_code"]
 

@@ -1,17 +1,14 @@
 """Calibration: the problem, the solver, and the result."""
 
+from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
+from kennfeld.criteria import Criterion, Region, Target
 from kennfeld.optimize.api import calibrate, simulate
-from kennfeld.optimize.calibration import Progress
-from kennfeld.optimize.criterion import Criterion, Region, Target
-from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape, Term
-from kennfeld.optimize.options import Options
+from kennfeld.optimize.options import Options, Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.result import Keep, Progress, Result, Saved, Seconds, StartResult, TraceLine
 from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.search.saved import Keep, Saved
-from kennfeld.optimize.search.step import Step
-from kennfeld.optimize.solver.gauss_newton import Stop
+from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.optimize.trust import Direction, NullSpace, Remedy, Trust
 
 __all__ = [

@@ -6,32 +6,31 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kennfeld.constraints import Equality, Limit, Pin, Shape
+from kennfeld.criteria import Criterion
 from kennfeld.dataset import Dataset, Use
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest, warn
+from kennfeld.errors import ArgumentError, Finding, InputError, warn
+from kennfeld.formatting import nearest
+from kennfeld.free_axes import freed
 from kennfeld.graph import Graph
-from kennfeld.graph.free_axes import freed
-from kennfeld.graph.lowering import rewrite
-from kennfeld.graph.node import Builder
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.traversal import rewrite
 from kennfeld.models import Model, started
 from kennfeld.models.formula import formula
-from kennfeld.optimize.calibration import Progress
-from kennfeld.optimize.choice.shifting import shifted
-from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.data.binding import bind
-from kennfeld.optimize.data.coercion import Data, dataset_of
-from kennfeld.optimize.data.memory import delay_findings, matrix_findings
-from kennfeld.optimize.data.model_step import clock_findings, is_timed, recorded_samples, refined
-from kennfeld.optimize.data.overlap import overlap_findings
-from kennfeld.optimize.data.surrogate_step import step_findings
-from kennfeld.optimize.data.weighting import weight_findings
-from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
-from kennfeld.optimize.limits.sides import check_limits
 from kennfeld.optimize.options import Options
+from kennfeld.optimize.overlap import overlap_findings
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
-from kennfeld.optimize.result import Result
-from kennfeld.optimize.scoring import Nodes
+from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.result import Progress, Result
 from kennfeld.optimize.search.multistart import run
-from kennfeld.parameters import Parameter, ParameterSet, Scalar
+from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter, Scalar
+from kennfeld.preprocessing.binding import bind
+from kennfeld.preprocessing.coercion import Data, dataset_of
+from kennfeld.preprocessing.model_step import clock_findings, is_timed, recorded_samples, refined
+from kennfeld.preprocessing.sample_weights import weight_findings
+from kennfeld.preprocessing.time_shift import shifted
 
 __all__ = ["calibrate", "problem_of", "resolved", "simulate"]
 
@@ -202,7 +201,7 @@ def resolved(model: Model, parameters: ParameterSet) -> Model:
     if not names:
         return model
 
-    def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
+    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         op, _, payload = model.graph.nodes[at]
         if op == "input" and payload in names:
             return b.lookup(payload)

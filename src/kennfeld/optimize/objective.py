@@ -4,8 +4,8 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Cholesky
-from kennfeld.optimize.free_axes.breakpoints import order_of, rising
-from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import order_of, rising
 from kennfeld.optimize.sensitivity import Sensitivity
 
 __all__ = ["SumOfSquares"]

@@ -1,37 +1,46 @@
-"""A calibration problem: model, data, parameters and criteria; and its compiled form."""
+"""A calibration problem: model, data, parameters and criteria; and its compiled form.
 
-from collections.abc import Mapping, Sequence
-from copy import copy
+Time constants are never below 0: where a table is one, its values are bounded so.
+
+Without the bound, a fit that presses a time constant towards 0 would have its steps rejected one after the other, for
+all values together, and get nowhere.
+
+Breakpoints as values to be fitted: which axes move, and what they keep while they do.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.constraints import Equality, Limit, Pin, Shape
+from kennfeld.criteria import Criterion
 from kennfeld.dataset import Dataset
-from kennfeld.graph import OPERATIONS, Builder, Graph
-from kennfeld.graph.free_axes import AxisKey, FreeAxis, free_axes
-from kennfeld.graph.lowering import Lowered, lower, rewrite
-from kennfeld.graph.split import split
+from kennfeld.free_axes import AxisKey, FreeAxis, free_axes
+from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models import Model
-from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
-from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.data.binding import Bound, bind
-from kennfeld.optimize.data.gathering import Source, gather
-from kennfeld.optimize.data.settling import ages, averaged, averages, fewer_pieces, restarted
-from kennfeld.optimize.data.weighting import Weighting
-from kennfeld.optimize.free_axes.breakpoints import Place, fitted_axes
-from kennfeld.optimize.limits.constraints import Equality, Limit, Pin, Shape
-from kennfeld.optimize.restraint import Penalty, Restraint, penalty_of
-from kennfeld.parameters import ParameterSet
+from kennfeld.optimize.restraint import Restraint
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
+from kennfeld.preprocessing.binding import Bound, bind
+from kennfeld.preprocessing.settling import averaged, averages
 
-__all__ = ["Compiled", "Problem", "Rejected", "smoothable"]
+__all__ = ["Factor", "Place", "Problem", "Smoothness", "bounded", "difference", "fitted_axes", "time_constants"]
 
-MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
+Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
+
 Factor = float | Literal["auto"]
 Smoothness = Mapping[str, Factor | Sequence[Factor]]
+
+
+def fitted_axes(parameters: ParameterSet, free: Collection[str]) -> dict[AxisKey, FreeAxis]:
+    """The axes marked as free on which a free parameter lies."""
+    axes = free_axes(parameters)
+    return {key: axis for key, axis in axes.items() if any(name in free for name, _ in axis.places)}
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,7 @@ class Problem:
 
         Where steady-state points are averaged over the end of their settling, it is the mean of that.
         """
-        b = Builder.of(self.model.graph)
+        b = GraphBuilder.of(self.model.graph)
         names = dict(self.model.graph.names)
         averaging = averages(self.model.graph, self.datasets)
         for i, criterion in enumerate(self.criteria):
@@ -164,176 +173,36 @@ def difference(criterion: int) -> str:
     return f"\0{criterion}"
 
 
-def _outputs(problem: Problem) -> list[str]:
-    return [difference(i) for i in range(len(problem.criteria))]
+def time_constants(graph: Graph) -> list[int]:
+    """The nodes T of `if(T < 0, nan, share)`, which is how a lag says that its time constant is invalid."""
+    nodes = graph.nodes
+    found: dict[int, None] = {}
+    for op, args, _ in nodes:
+        if op == "select" and nodes[args[0]].op == "lt" and nodes[args[1]].op == "const":
+            left, right = nodes[args[0]].args
+            if nodes[right].op == "const" and nodes[right].payload == 0.0 and np.isnan(nodes[args[1]].payload):
+                found[left] = None
+    return list(found)
 
 
-def smoothable(problem: Problem) -> bool:
-    """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
-    lowered = lower(problem.graph, problem.parameters, problem.free_names)
-    needed = split(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
-    return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
+def bounded(problem: Problem) -> Problem:
+    """The problem with a lower bound of 0 for free parameters that are time constants and nothing else.
 
-
-class Rejected:
-    """Counts trial values whose cost is no finite number, and keeps the first few of them."""
-
-    MOST = 8
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.first: list[Float] = []
-
-    def add(self, values: Float) -> None:
-        """Count these free values."""
-        self.count += 1
-        if len(self.first) < self.MOST:
-            self.first.append(values.copy())
-
-    def clear(self) -> None:
-        """Begin anew."""
-        self.count, self.first = 0, []
-
-
-class Compiled:
-    """A problem made ready to be evaluated: data-only parts computed, samples sorted, kernel compiled.
-
-    With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
-    smoothed, and at most `MOST_SMOOTHED` samples of steady-state data are used.
+    Locked values, and parameters that may only be negative, stay as they are.
     """
-
-    def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
-        self.problem = problem
-        self.rejected: Rejected = Rejected() if smooth_like is None else smooth_like.rejected
-        parameters, free = problem.parameters, problem.free_names
-        self.weighting = Weighting.of(problem.criteria, problem.training)
-        graph = self.weighting.extended(problem.graph)
-        self._restarts = any(bound.hold is not None for bound in problem.training)
-        if self._restarts:
-            graph = restarted(graph)
-        self._step = _even_step(problem.training)
-        lowered = self._lowered = lower(_with_step(graph, self._step), parameters, free if smooth_like else ())
-        fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
-        outputs = _outputs(problem)
-        self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
-        reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
-        names = reduced.graph.names
-        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
-        self.kernel = Kernel(
-            reduced,
-            [
-                Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
-                for i, (name, c) in enumerate(zip(outputs, problem.criteria, strict=True))
-            ],
-            parameters,
-            fitted,
-        )
-        self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
-        self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
-        self.accumulator = Accumulator(self.kernel, self.samples)
-        self.values = self.kernel.values
-        factors = {name: problem.factors(name) for name in free}
-        self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
-        self.start = self.values.pack(parameters)
-
-    @property
-    def weights(self) -> float:
-        """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
-        samples = self.samples
-        scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
-        return float(sum(parts)) or 1.0
-
-    def _counts(self, piece: Piece) -> Float:
-        """How many samples of a piece each output scores; weighted ones count as much as their weight."""
-        counts = self.samples.scored(piece).astype(np.float64)
-        if self.weighting.inputs:
-            visits = np.arange(piece.first, piece.last)
-            scored = np.isfinite(self.samples.targets_of(visits))
-            inputs = self.samples.inputs_of(visits)
-            for i, name in self.weighting.inputs.items():
-                counts[i] = inputs[self.kernel.layout.inputs[name]][scored[i]].sum()
-        return counts
-
-    def reweighted(self, factors: Float) -> "Compiled":
-        """The same with the weight of each criterion times a factor; nothing is compiled again."""
-        made = copy(self)
-        made.samples = self.samples.reweighted(factors)
-        made.accumulator = Accumulator(self.kernel, made.samples)
-        return made
-
-    def reread_targets(self) -> None:
-        """Take over targets that were changed in place; those made by `reweighted` share them."""
-        self.samples.wanted.reread()
-
-    def set_width(self, spacings: float) -> None:
-        """Smooth by so many mean breakpoint spacings."""
-        self.accumulator.widths[:] = spacings * self.spacings
-
-    def moved(self, problem: Problem) -> "Compiled":
-        """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
-        other = copy(self)
-        other.problem, other.start = problem, self.values.pack(problem.parameters)
-        return other
-
-    def over(self, problem: Problem) -> "Compiled":
-        """The same for a problem that differs in datasets and start alone, compiled anew only if their step does."""
-        if _even_step(problem.training) != self._step:
-            return Compiled(problem)
-        other = self.moved(problem)
-        other.weighting = Weighting.of(problem.criteria, problem.training)
-        other.samples = other._gathered(self._lowered)
-        other.accumulator = Accumulator(self.kernel, other.samples)
-        return other
-
-    def _gathered(self, lowered: Lowered) -> Samples:
-        problem = self.problem
-        sources = []
-        for bound in problem.gathered:
-            further = self.weighting.columns(bound) | (ages(bound.hold, bound.count) if self._restarts else {})
-            starts = bound.starts if bound.hold is None else fewer_pieces(bound.starts)
-            whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
-            targets = [
-                partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
-                for i, c in enumerate(problem.criteria)
-            ]
-            sources.append(Source(whole, targets, self._scores(bound)))
-        return gather(sources, lowered, self._split, self.kernel, problem.parameters)
-
-    def _scores(self, bound: Bound) -> Float:
-        return np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
-
-    def _shared(self, lowered: Lowered, other: "Compiled") -> Samples:
-        """The samples of another form of the problem, where its data-only part is the same."""
-        mine, theirs = list(self.kernel.layout.inputs), other.kernel.layout.inputs
-        if self._split.prepared != other._split.prepared or not theirs.keys() >= set(mine):
-            samples = self._gathered(lowered)
-        elif mine == list(theirs):
-            samples = other.samples
-        else:
-            samples = other.samples.with_inputs([theirs[name] for name in mine])
-        return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
+    graph = problem.model.graph
+    lags = set(time_constants(graph))
+    elsewhere = {n.payload for at, n in enumerate(graph.nodes) if n.op == "lookup" and at not in lags}
+    names = {graph.nodes[at].payload for at in lags if graph.nodes[at].op == "lookup"} - elsewhere
+    found = [_from_zero(problem.parameters[n]) for n in problem.free_names if n in names and n in problem.parameters]
+    changed = [parameter for parameter in found if parameter is not None]
+    return replace(problem, parameters=problem.parameters.with_parameters(*changed)) if changed else problem
 
 
-def _even_step(bounds: Sequence[Bound]) -> float | None:
-    """The step of all data, where they have the same even one."""
-    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
-    return steps.pop() if len(steps) == 1 else None
-
-
-def _with_step(graph: Graph, step: float | None) -> Graph:
-    """The graph with `dt` a constant where it is known."""
-    if step is None:
-        return graph
-
-    def resolve(b: Builder, at: int, args: tuple[int, ...]) -> int:
-        op, _, payload = graph.nodes[at]
-        if op == "input" and payload == "dt":
-            return b.const(step)
-        return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
-
-    return rewrite(graph, resolve)
-
-
-def _extremes(values: Float) -> list[float]:
-    return [values.min(), values.max()] if values.size else []
+def _from_zero(parameter: Parameter) -> Parameter | None:
+    """The parameter with its lower bounds at least 0; None where they are already, or cannot be."""
+    lower, upper = (np.broadcast_to(side, parameter.values.shape) for side in (parameter.lower, parameter.upper))
+    raised = np.where(parameter.locked, lower, np.maximum(lower, 0.0))
+    if np.array_equal(raised, lower) or np.any(raised > upper):
+        return None
+    return parameter.with_bounds(raised, upper)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Values
-from kennfeld.optimize.free_axes.moving_roughness import MovingRoughness, roughness_of
-from kennfeld.optimize.roughness import Roughness
-from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.graph.value_layout import Values
+from kennfeld.optimize.roughness import MovingRoughness, Roughness, roughness_of
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
 __all__ = ["Penalty", "Restrained", "Restraint", "penalty_of"]
 

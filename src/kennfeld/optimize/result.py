@@ -1,7 +1,12 @@
-"""What a calibration gives back."""
+"""What a calibration gives back.
+
+Run a calibration problem from start to result.
+
+Where a search was, so that it can go on from there.
+"""
 
 import html
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,15 +15,15 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
-from kennfeld.graph.free_axes import free_axes
+from kennfeld.free_axes import free_axes
 from kennfeld.optimize.quality import Quality, r2_text
-from kennfeld.optimize.solver.gauss_newton import Status
-from kennfeld.parameters import ParameterSet
+from kennfeld.optimize.solver.levenberg_marquardt import Status
+from kennfeld.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
     from kennfeld.optimize.trust import Inspection, Trust
 
-__all__ = ["Result", "Seconds", "StartResult", "TraceLine"]
+__all__ = ["Keep", "Progress", "Result", "Saved", "Seconds", "StartResult", "TraceLine"]
 
 
 @dataclass(frozen=True)
@@ -222,3 +227,29 @@ def _number(value: float) -> float | None:
 
 def _plain(value: Any) -> Any:
     return _number(value) if isinstance(value, float) else value
+
+
+Progress = Callable[[TraceLine], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Saved:
+    """An accepted parameter set of one start.
+
+    `step` is the step of the sequence that it belongs to, from 1; `iteration` counts the accepted steps of the start
+    over all stages and steps. `cost` is that of this step's exact model, so that sets of one step can be compared.
+    `values` are those of the parameters that the search may change, on their full grids. `ended` is there once the
+    start has come to its end.
+    """
+
+    start: int
+    step: int
+    iteration: int
+    stage: str
+    cost: float
+    values: Mapping[str, Float] = field(repr=False)
+    ended: StartResult | None = None
+    name: str = ""
+
+
+Keep = Callable[[Saved], None]

@@ -7,17 +7,28 @@ table. Or the effect cancels within the model, as that of `k` in `(k*x) / (k*z)`
 rounding errors, and they are others as soon as the values change in their last digits.
 
 Either way a least-squares step would divide noise by noise and send the value anywhere.
+
+Errors whose weighted squares are too small for numbers: a search then sees none, and ends where it began.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Accumulator, Piece, Samples
-from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.solver.levenberg_marquardt import Descent
 
-__all__ = ["Sensitivity"]
+__all__ = ["Sensitivity", "without_vanished"]
+
+FAINT = 1e-290  # a cost below has lost digits
+REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
+VANISHED = (
+    "The weighted squares of the errors are too small for numbers. Use larger weights, a smaller scale or other units."
+)
 
 FADED = 1e-6  # slope relative to the largest of the same parameter on all simulated samples, below which it is faded
 TINY = 1e-14  # the same on the scored samples alone
@@ -28,6 +39,21 @@ UNSTEADY = 1e-4  # relative change of the curvature under a nudge that makes it 
 BLOCK = 65536  # samples whose targets are copied at a time
 
 Curvature = Callable[[Float], Float]  # that of the data along each free value, at all values
+
+
+def without_vanished(end: Descent, before: float, quality: Sequence[Quality], scored: Collection[str]) -> Descent:
+    """Return an end that has failed where errors are left that the cost does not show, else the same end.
+
+    Args:
+        end: where the search ended.
+        before: the cost at the start.
+        quality: the errors at the end.
+        scored: the criteria of a weight > 0.
+    """
+    left = any(q.max_abs_after > 0 for q in quality if q.use == "training" and q.criterion in scored)
+    if end.status != "converged" or not left or not REACHED * before <= end.cost < FAINT:
+        return end
+    return replace(end, status="failed", message=VANISHED)
 
 
 class Sensitivity:

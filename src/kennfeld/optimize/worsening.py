@@ -6,9 +6,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
-from kennfeld.optimize.limits.limits import Limits
-from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.solver.linear_constraints import Limits
 
 __all__ = ["admissible_share", "worsened"]
 

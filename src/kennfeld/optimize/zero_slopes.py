@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.optimize.limits.limits import Limits
-from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.linear_constraints import Limits
 from kennfeld.parameters import Parameter
 
 __all__ = ["Departure", "departure"]

@@ -1,6 +1,9 @@
-"""The axes of a project's tables: as given, spread evenly, shared by a group, or quantiles of the training data."""
+"""The axes of a project's tables: as given, spread evenly, shared by a group, or quantiles of the training data.
 
-from collections.abc import Mapping, Sequence
+Free breakpoints in a project file: the keys of an axis that say so, and what is wrong with axes that move.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -8,15 +11,50 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, nearest
-from kennfeld.graph import Builder, Graph
-from kennfeld.parameters import Axis, ParameterSet
-from kennfeld.project.calculated import evaluated, uses_clock
-from kennfeld.project.free_breakpoints import made_free
-from kennfeld.project.function import Function
+from kennfeld.errors import ArgumentError, Finding
+from kennfeld.formatting import nearest
+from kennfeld.free_axes import AxisKey
+from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.optimize.linear_limits import bounds_of
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.validation import left_behind
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis
+from kennfeld.preprocessing.calculated import evaluated, uses_clock
+from kennfeld.project.model import Function
 from kennfeld.project.schema import AxisEntry, ProjectFile
 
-__all__ = ["Axes"]
+__all__ = ["Axes", "check_free_axes", "made_free"]
+
+
+def made_free(axis: Axis, entry: AxisEntry, findings: list[Finding]) -> Axis | None:
+    """The axis with the freedom that its entry gives it; None, and a finding, where the start is outside of that."""
+    freedom = entry.freedom
+    if freedom is None:
+        return axis
+    try:
+        return axis.changed(free=True, min_distance=freedom.min_distance, range=freedom.range)
+    except ArgumentError as error:
+        findings.append(Finding(entry.place, str(error), "Change it, or the breakpoints at the start."))
+        return None
+
+
+def check_free_axes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
+    """Errors and warnings about axes that are marked as free."""
+    for key, axis in problem.free_axes.items():
+        for finding in left_behind({key: axis}, problem.free_names):
+            yield Finding(_place(file, key), finding.what, finding.mend)
+        lower, upper = bounds_of(axis, problem.parameters, problem.held)
+        if np.array_equal(lower, upper):
+            what = f"no breakpoint of {key} can move: its ends stay, and so do those at locks and pins"
+            yield Finding(_place(file, key), what, "Give it more breakpoints, or a range.", severity="warning")
+    for key in problem.idle_axes:
+        what = f"the breakpoints of {key} are free, but no table on it is fitted"
+        yield Finding(_place(file, key), what, "Free a table on it.", severity="warning")
+
+
+def _place(file: ProjectFile, key: AxisKey) -> str:
+    return file.place(f"[parameters.{key.owner}] {key.direction}" if key.direction else f"[axes.{key.owner}]")
 
 
 class Axes:
@@ -120,7 +158,7 @@ class Axes:
 
     def _node(self, entry: AxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> Float | None:
         """The values of a node that depends on the data alone."""
-        part = Builder.of(graph).finish({"value": graph.names[name]})
+        part = GraphBuilder.of(graph).finish({"value": graph.names[name]})
         if part.parameters:
             what = f"the range of {name} depends on parameters ({', '.join(list(part.parameters)[:3])})"
             self._report(entry, what, "Write begin, end and count, or breakpoints.")

@@ -1,36 +1,292 @@
-"""Warnings about a problem that can be solved, but perhaps not as it was meant."""
+"""Warnings about a problem that can be solved, but perhaps not as it was meant.
+
+What a project file says about single samples: their weights, and how long points are held.
+
+Whether a calibration can move from its initial values.
+
+Whether the step of a model is short enough where a solver with a fixed step takes the place of its own.
+
+Whether the method of the optimizer suits the problem.
+"""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
-from kennfeld.calfiles.flash import IMAGE_ENDINGS
-from kennfeld.errors import Finding
-from kennfeld.graph.lowering import dependent
-from kennfeld.measurement.conversion import compare, says_nothing
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import quoted
+from kennfeld.graph import Graph
+from kennfeld.graph.events import Event, events
+from kennfeld.graph.factors import factors
+from kennfeld.graph.traversal import dependent
+from kennfeld.models import Model
+from kennfeld.models.formula import expression
 from kennfeld.optimize import Problem
-from kennfeld.optimize.data.model_step import clock_findings, is_timed
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.lookup_coverage import Coverage
 from kennfeld.optimize.problem import difference
-from kennfeld.parameters import Parameter, ParameterSet
-from kennfeld.project.coverage import Coverage
-from kennfeld.project.function import coordinates_of
-from kennfeld.project.method import event_warning
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.strategies.global_search import FEW
+from kennfeld.optimize.validation import unbounded
+from kennfeld.optimize.zero_slopes import departure
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
+from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.model_step import clock_findings, is_timed
+from kennfeld.preprocessing.pipeline import Loaded
+from kennfeld.preprocessing.sample_weights import weight_findings
+from kennfeld.preprocessing.settling import hold_of, is_settled
+from kennfeld.preprocessing.units import compare, says_nothing
+from kennfeld.project.model import coordinates_of, read_function
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
 from kennfeld.project.seen_data import seen_test_data
-from kennfeld.project.start_check import start_warning
-from kennfeld.project.step_check import step_warning
-from kennfeld.project.toml import quoted
 
-__all__ = ["warnings_of"]
+__all__ = ["listed", "method_findings", "sample_findings", "settling_findings", "warnings_of", "weight_channels"]
+
+_MOST = 100_000_000  # samples made of points; each takes 8 bytes a channel
+
+_NEAR = 0.01  # of what a node varies
+_USUAL = 0.95  # of the samples; events that move by a step make large differences in few
+_HALVINGS = 6
+_MOST_SAMPLES = 5_000
+_MOST_STEPS = 1_000_000  # of one run
+
+_NAMED = 4  # events that a warning names
+_SHOWN = 6  # and parameters
 
 _MISSING = 0.1  # share of samples without a value that is worth a word
 _OUTSIDE = 0.05  # share of samples beyond the ends of an axis that is worth a word
 _WORD = re.compile(r"[^\W\d][\w.]*\Z")  # a name that every format holds
 _OF_SETS = (*IMAGE_ENDINGS, ".msq")  # formats that are written over a file, and hold what is in it
 _ROUNDING = 1e-9  # of an axis; converted values miss its ends by as much
+
+_Warning = tuple[str, str, str]
+
+
+def weight_channels(file: ProjectFile) -> dict[str, str]:
+    """The channels that criteria weigh their samples by, each with what it is for."""
+    found = {}
+    for entry in file.criteria:
+        if entry.weight_channel:
+            found[entry.weight_channel] = f"the weights of {entry.place}"
+        for region in entry.regions:
+            with suppress(InputError):  # reported with the other findings about weights
+                found |= dict.fromkeys(expression(region.where, "").inputs, f"a region of {entry.place}")
+    return found
+
+
+def sample_findings(file: ProjectFile, problem: Problem, loaded: Loaded) -> list[Finding]:
+    """What is wrong with the weights of single samples."""
+    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
+    return weight_findings(
+        problem.criteria,
+        training,
+        lambda number: file.criteria[number].place,
+        lambda data: loaded.places[data.name],
+        list(loaded.offered),
+    )
+
+
+def settling_findings(graph: Graph, loaded: Loaded) -> list[Finding]:
+    """What is wrong with the holding of steady-state points."""
+    found = []
+    for data in loaded.datasets:
+        if data.settling is None:
+            continue
+        place = loaded.places[data.name]
+        if not is_settled(data, graph):
+            what = "the function has no memory, so that its points need not be held"
+            found.append(Finding(f"{place} settle", what, "Remove settle.", severity="warning"))
+        elif data.settling.step is None:
+            what = "the points are held, but no step of the model is given"
+            found.append(Finding(f"{place} step", what, "Write step = ... in s, here or in [model]."))
+        elif (total := data.samples * (each := hold_of(data, data.settling, None).samples)) > _MOST:
+            what = f"{data.samples} points of {each} samples each are {total} samples, too many for memory"
+            found.append(Finding(f"{place} settle", what, "Shorten settle, or take a larger step."))
+    return found
+
+
+def start_warning(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
+    """A warning for each parameter that keeps others, or itself, at 0, with an initial value that does not.
+
+    Nothing is compiled unless the formula has factors that are 0 at the start.
+    """
+    suspects = factors(problem.graph) & {name for name in problem.free_names if _at_zero(problem, name)}
+    if not suspects or file.optimizer.method == "global" or not any(bound.count for bound in problem.training):
+        return
+    try:
+        compiled = Compiled(problem)
+        limits = limits_of(problem, compiled.values)
+    except InputError:  # told by other checks
+        return
+    start, _ = project(compiled.start[: compiled.values.free], limits)
+    off = None if start is None else departure(compiled, start, limits)
+    if off is None:
+        return
+    for name in off.changed:
+        others = " and ".join(other for other in off.stuck if other != name) or name
+        what = f"the initial value is 0, and so all slopes of {others} are zero: no step could move from there"
+        mend = f"Write initial = {off.levels[name]:g}, or all values; a calibration starts there on its own."
+        yield Finding(file.place(f"[parameters.{name}] initial"), what, mend, severity="warning")
+
+
+def _at_zero(problem: Problem, name: str) -> bool:
+    return not np.any(problem.parameters[name].values)
+
+
+class _Gap(NamedTuple):
+    """How far a node of two runs is apart: `share` of what it varies."""
+
+    node: str
+    share: float
+
+
+def step_warning(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
+    """A warning where half the step gives other values, with the step that does not, as far as one is found.
+
+    Each run starts with the values of the project, over the beginning of the first training dataset. Inputs keep still
+    within the original step, so that the solver alone makes the difference.
+    """
+    bound = next(iter(problem.training), None) if problem.model.stepped else None
+    if bound is None or "dt" not in bound.clock or bound.hold is not None or bound.count < 2:
+        return
+    step = problem.model.step or float(np.median(bound.clock["dt"]))
+    trial = _Trial(file, problem, bound, step)
+    first = trial.gap(1)
+    if first is None or first.share <= _NEAR:
+        return
+    halvings = (2**k for k in range(1, _HALVINGS))
+    parts = next((n for n in halvings if (gap := trial.gap(n)) is not None and gap.share <= _NEAR), 0)
+    what = (
+        f"with half the step of {step:g} s, {_step_findings(first)}: the step is too long for a solver with a fixed one"
+    )
+    mend = f"Write step = {step / parts:g} under [model]." if parts else "Try much shorter ones: step under [model]."
+    yield Finding(file.place("[model] step"), what, mend, severity="warning")
+
+
+def _step_findings(gap: _Gap) -> str:
+    if np.isfinite(gap.share):
+        return f"{gap.node} differs by {gap.share:.0%} of what it varies"
+    return f"{gap.node} is a number where it was none, or the other way round"
+
+
+class _Trial:
+    """Runs of a problem's model with parts of its step, the inputs held."""
+
+    def __init__(self, file: ProjectFile, problem: Problem, bound: Bound, step: float) -> None:
+        self.file, self.problem, self.bound, self.step = file, problem, bound, step
+        names = problem.model.graph.names
+        self.nodes = [one for one in dict.fromkeys(c.node for c in problem.criteria) if one in names]
+        self._runs: dict[int, Float | None] = {1: self._run(problem.model, 1)}
+
+    def gap(self, parts: int) -> _Gap | None:
+        """The largest difference between a part of the step and half of it; None where one cannot be run."""
+        one, other = self._values(parts), self._values(2 * parts)
+        if one is None or other is None:
+            return None
+        gaps = [_Gap(name, _share(a, b)) for name, a, b in zip(self.nodes, one, other, strict=True)]
+        return max(gaps, key=lambda gap: gap.share, default=None)
+
+    def _values(self, parts: int) -> Float | None:
+        if parts not in self._runs:
+            model = self._model(parts) if parts * self._count <= _MOST_STEPS else None
+            self._runs[parts] = self._run(model, parts) if model is not None else None
+        return self._runs[parts]
+
+    def _model(self, parts: int) -> Model | None:
+        entry = replace(self.file.model, step=self.step / parts)
+        findings: list[Finding] = []
+        known, surrogates = list(self.problem.parameters), self.problem.model.surrogates
+        try:
+            found = read_function(replace(self.file, model=entry), known, surrogates, findings, self.problem.parameters)
+        except InputError:
+            return None
+        return found.model if found is not None and not findings else None
+
+    @property
+    def _count(self) -> int:
+        return min(self.bound.count, _MOST_SAMPLES)
+
+    def _run(self, model: Model, parts: int) -> Float:
+        """The nodes of the criteria at the original samples, Float[nodes, samples]."""
+        count = self._count
+        columns = {name: np.repeat(values[:count], parts) for name, values in self.bound.columns.items()}
+        columns["dt"] = columns["dt"] / parts
+        if "t" in columns:
+            columns["t"] = columns["t"] + columns["dt"] * np.tile(np.arange(parts), count)
+        starts = [parts * int(start) for start in self.bound.starts if start < count]
+        compiled = Nodes(model.graph, self.problem.parameters, self.nodes)
+        with np.errstate(all="ignore"):
+            return compiled.over(columns, parts * count, self.problem.parameters, starts)[:, ::parts]
+
+
+def _share(one: Float, other: Float) -> float:
+    """The usual difference over what the values vary; infinite where only one of both is a number."""
+    known = np.isfinite(one)
+    if not np.array_equal(known, np.isfinite(other)):
+        return np.inf
+    if not known.any():
+        return 0.0
+    varies = max(float(np.std(other[known])), 1e-9 * float(np.max(np.abs(other[known]))), 1e-300)
+    return float(np.quantile(np.abs(one[known] - other[known]), _USUAL)) / varies
+
+
+def method_findings(file: ProjectFile, problem: Problem) -> list[Finding]:
+    """What a global search lacks: bounds; and a warning where it has too many values to search."""
+    if file.optimizer.method != "global":
+        return []
+    found = unbounded(problem, lambda name: file.place(f"[parameters.{name}] bounds"))
+    values = sum(int(np.count_nonzero(~problem.parameters[name].locked)) for name in problem.free_names)
+    if values > FEW:
+        what = f"{values} values are many for a search without gradients, which suits up to {FEW}"
+        mend = "Free fewer, use fewer breakpoints, or raise max_evaluations."
+        found.append(Finding(file.place("[optimizer] method"), what, mend, severity="warning"))
+    return found
+
+
+def event_warning(file: ProjectFile, problem: Problem) -> list[Finding]:
+    """A warning where a descent follows derivatives that are blind to events of the model; one for all of them."""
+    if file.optimizer.method == "global":
+        return []
+    outputs = [difference(i) for i in range(len(problem.criteria))]
+    found = events(problem.graph, problem.free_names, outputs)
+    if not found:
+        return []
+    model = problem.model
+    place = next((model.places[event.name] for event in found if event.name in model.places), model.source)
+    names = dict.fromkeys(name for event in found for name in event.parameters)
+    decide = "decides" if len(names) == 1 else "decide"
+    what = f"{listed(found)} when {_some(names)} {decide}, and derivatives do not see that"
+    values = sum(problem.parameters[name].size for name in names)
+    few = f"Free up to {FEW} values, and write" if values > FEW else "Write"
+    mend = f'{few} [optimizer] method = "global", and bounds for {_some(names) if values <= FEW else "them"}.'
+    return [Finding(place, what, mend, severity="warning")]
+
+
+def _some(names: Collection[str]) -> str:
+    shown = list(names) if len(names) <= _SHOWN else list(names)[: _SHOWN - 1]
+    return ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(shown) < len(names) else "")
+
+
+def listed(found: Sequence[Event]) -> str:
+    """The events in words: `turned (floor) and fires (>) jump`."""
+    words: dict[str, list[str]] = {}
+    for event in found:
+        name = event.name if event.name.isprintable() else ""
+        words.setdefault(name or "a node without a name", []).append(event.word)
+    shown = [f"{name} ({', '.join(dict.fromkeys(own))})" for name, own in list(words.items())[:_NAMED]]
+    if len(words) > _NAMED:
+        shown.append(f"{len(words) - _NAMED} more")
+    return f"{', '.join(shown[:-1])} and {shown[-1]} jump" if len(shown) > 1 else f"{shown[0]} jumps"
 
 
 def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
@@ -55,9 +311,6 @@ def _clocks(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> I
     if timed or is_timed(problem.model.graph):
         for data in problem.datasets:
             yield from clock_findings(data, places[data.name])
-
-
-_Warning = tuple[str, str, str]
 
 
 def _units(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from kennfeld.project.schema import DIRECTIONS, EqualityEntry, LimitEntry, TermEntry
-from kennfeld.project.section import Section, numeric
+from kennfeld.project.structuring import Section, numeric
 
 __all__ = ["equality_entry", "limit_entry", "shape_ranges"]
 

@@ -1,23 +1,70 @@
-"""A project: one file that says what is calibrated, with which data, and how."""
+"""A project: one file that says what is calibrated, with which data, and how.
+
+Simulates a project's function over its datasets.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError
-from kennfeld.parameters import ParameterSet
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.optimize import Problem
+from kennfeld.optimize.quality import Nodes
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.project.initial_calibration import described
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.sections import read_project
 
-if TYPE_CHECKING:  # the solver costs most of a second to import, and reading the file alone does not need it
-    from kennfeld.optimize import Options, Problem, Result
-    from kennfeld.project.assembly import Assembly
-    from kennfeld.project.saves import Saves
+if TYPE_CHECKING:
+    from kennfeld.optimize import Options, Result
+    from kennfeld.project.checkpoints import Saves
+    from kennfeld.project.problem_builder import Assembly
 
-__all__ = ["Project"]
+__all__ = ["Project", "replaced"]
+
+
+def simulations(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
+    """The named nodes and the target channels over every dataset; a target called like a node gets a suffix."""
+    values = replaced(problem, parameters)
+    compiled = Nodes(problem.model.graph, values)
+    return [_one(problem, data, values, compiled) for data in problem.datasets]
+
+
+def _one(problem: Problem, data: Dataset, values: ParameterSet, compiled: Nodes) -> Dataset:
+    bound = problem.bind(data)
+    nodes = compiled.dataset(bound, values)
+    bound = bound.shown
+    names = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
+    targets = [
+        Channel(f"{name} (target)" if name in nodes else name, bound.channel(name), data[name].unit)
+        for name in names
+        if name in data
+    ]
+    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=bound.scored)
+
+
+def replaced(problem: Problem, parameters: ParameterSet | None) -> ParameterSet:
+    """The project's parameters with others of the same names; they may have other axes, but as many.
+
+    Raises `InputError` where one does not fit the function.
+    """
+    if parameters is None:
+        return problem.parameters
+    needed = problem.model.graph.parameters
+    wrong = [
+        Finding("parameters", f"{name} is {described(parameters[name])}; the function gives it {count} coordinates")
+        for name, count in needed.items()
+        if name in parameters and parameters[name].coordinates != count
+    ]
+    if wrong:
+        raise InputError(wrong)
+    try:
+        return problem.parameters.merged(parameters)
+    except ArgumentError as error:
+        raise InputError.of("parameters", str(error)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +124,7 @@ class Project:
 
     @cached_property
     def _assembly(self) -> "Assembly":
-        from kennfeld.project.assembly import assemble
+        from kennfeld.project.problem_builder import assemble
 
         return assemble(self.file)
 
@@ -130,7 +177,7 @@ class Project:
         seconds = Seconds(read=self.seconds_read)
         if not (resume or options.save_every):
             return run(problem, options, progress, seconds)
-        from kennfeld.project.saves import Found
+        from kennfeld.project.checkpoints import Found
 
         saves = self.saves(folder)
         found = saves.found() if resume else Found()
@@ -150,7 +197,7 @@ class Project:
 
     def saves(self, folder: str | Path | None = None) -> "Saves":
         """The saved states in a results folder."""
-        from kennfeld.project.saves import Saves
+        from kennfeld.project.checkpoints import Saves
 
         return Saves(Path(folder or self.path.parent / "results"), self.path)
 
@@ -163,11 +210,9 @@ class Project:
         `shifts` are those that a calibration found, by dataset and channel.
         Raises `InputError` like `problem`, and where a given table does not fit the function.
         """
-        from kennfeld.project.simulation import simulations
-
         problem = self.problem()
         if shifts:
-            from kennfeld.optimize.choice.lag import moved
+            from kennfeld.optimize.tuning.shift_estimation import moved
 
             problem = moved(problem, shifts)
         return simulations(problem, parameters)

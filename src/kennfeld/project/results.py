@@ -1,4 +1,7 @@
-"""What a run leaves in its folder: complete, or the folder as it was."""
+"""What a run leaves in its folder: complete, or the folder as it was.
+
+The trust in each value as a table for a spreadsheet.
+"""
 
 import csv
 import json
@@ -11,22 +14,74 @@ from typing import Any, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.atomic_files import replacing, write_whole
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
+from kennfeld.free_axes import free_axes
 from kennfeld.optimize import Result, TraceLine
-from kennfeld.parameters import ParameterSet
+from kennfeld.optimize.trust import Trust
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, digests
-from kennfeld.project.replacement import LOCK, move, scratch_folder
-from kennfeld.project.trust_table import write_trust
-from kennfeld.whole_files import replacing, write_whole
+from kennfeld.rbf import RBF
 
-__all__ = ["Simulated", "require_room", "write", "write_simulation", "write_text"]
+__all__ = ["COLUMNS", "Simulated", "require_room", "write", "write_simulation", "write_text", "write_trust"]
+
+AXES = ("x", "y", "z", "w")
+COLUMNS = (
+    *("parameter", *AXES, "value", "unit", "deviation", "scatter"),
+    *("samples", "leverage", "informed", "by_smoothness"),
+)
+MANY = 2000  # values up to which the leverage is computed: its cost grows with the third power
 
 RESULT = "result.json"
 ELSEWHERE = "Name another folder with -o."
+
+
+def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
+    """Write a line for each free value, breakpoints last; what is not known stays empty."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        leverage = trust.leverage if sum(a.size for a in trust.deviation.values()) <= MANY else {}
+        for name in trust.deviation:
+            writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
+
+
+def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[float | str]]]:
+    """The values of a parameter, their unit, and its breakpoints: of an axis numbers, of an expansion names."""
+    if name in parameters:
+        table = parameters[name]
+        if isinstance(table, RBF):
+            return table.values, table.unit, [[table.value_name(i) for i in range(table.size)]]
+        return table.values, table.unit, [axis.breakpoints.tolist() for axis in table.index_axes]
+    place = next(axis.places[0] for key, axis in free_axes(parameters).items() if name in (str(key), f"axis {key}"))
+    axis = parameters[place[0]].axes[place[1]]
+    return axis.breakpoints, axis.unit, [np.arange(1.0, len(axis) + 1).tolist()]
+
+
+def _lines(
+    trust: Trust, name: str, values: Float, unit: str, breakpoints: Sequence[list[float | str]], leverage: Float | None
+) -> Iterator[list[Any]]:
+    for at in np.ndindex(values.shape):
+        place = [points[i] for points, i in zip(breakpoints, at, strict=True)]
+        yield [
+            name,
+            *(place + [""] * (len(AXES) - len(place))),
+            float(values[at]),
+            unit,
+            *(_number(array[at]) for array in (trust.deviation[name], trust.scatter[name])),
+            int(trust.samples[name][at]),
+            "" if leverage is None else _number(leverage[at]),
+            *(int(flags[name][at]) for flags in (trust.informed, trust.by_smoothness)),
+        ]
+
+
+def _number(value: Any) -> float | str:
+    return "" if np.isnan(value) else float(f"{value:.6g}")
 
 
 class Simulated(Protocol):

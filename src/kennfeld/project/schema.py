@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Use
 from kennfeld.errors import Finding
 from kennfeld.parameters import Extrapolation
+from kennfeld.preprocessing.recipe import DatasetEntry
 
 __all__ = [
     "DIRECTIONS",
@@ -18,7 +18,6 @@ __all__ = [
     "AxisEntry",
     "CalibrationEntry",
     "CriterionEntry",
-    "DatasetEntry",
     "EqualityEntry",
     "Factor",
     "Freedom",
@@ -31,7 +30,6 @@ __all__ = [
     "ProjectFile",
     "Range",
     "RegionEntry",
-    "SteadyEntry",
     "StepEntry",
     "TargetEntry",
     "TermEntry",
@@ -56,38 +54,6 @@ class ModelEntry:
     parameters: tuple[str, ...] = ()  # files that give values to its variables
     bind: Mapping[str, str] = field(default_factory=dict)  # block: channel or formula
     folders: tuple[str, ...] = ()  # where its libraries and referenced models are, besides beside it
-
-
-@dataclass(frozen=True)
-class SteadyEntry:
-    """One condition of `steady`: the channel stays within a band of +-tolerance for at least `window` s."""
-
-    channel: str
-    window: float
-    tolerance: float
-
-
-@dataclass(frozen=True)
-class DatasetEntry:
-    """One `[[dataset]]`."""
-
-    place: str
-    files: tuple[str, ...]
-    name: str = ""
-    use: Use = "training"
-    weight: float = 1.0
-    raster: float | None = None
-    where: str = ""
-    warmup: float = 0.0
-    max_gap: float = 0.0
-    shift: Mapping[str, float] | None = None
-    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be found
-    weight_channel: str = ""
-    settle: float | None = None
-    average: float = 0.0
-    step: float | None = None
-    steady: tuple[SteadyEntry, ...] = ()
-    cache: bool = True
 
 
 @dataclass(frozen=True)

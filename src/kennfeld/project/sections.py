@@ -1,12 +1,18 @@
-"""From the tables of a project file to its values; every problem of the file is found in one pass."""
+"""From the tables of a project file to its values; every problem of the file is found in one pass.
+
+`[channels]` and `[calculated]`, which may also be written `[channels.calculated]`.
+
+The key `steady` of a `[[dataset]]`.
+"""
 
 import math
 from pathlib import Path
 from typing import Any
 
 from kennfeld.calfiles import endings
-from kennfeld.errors import Finding, InputError, nearest
-from kennfeld.project.channel_sections import channel_tables
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.preprocessing.recipe import DatasetEntry, SteadyEntry
 from kennfeld.project.limit_sections import equality_entry, limit_entry
 from kennfeld.project.schema import (
     MOST_STARTS,
@@ -14,20 +20,93 @@ from kennfeld.project.schema import (
     SIMULINK,
     CalibrationEntry,
     CriterionEntry,
-    DatasetEntry,
     ModelEntry,
     OptimizerEntry,
     ProjectFile,
     RegionEntry,
     TargetEntry,
 )
-from kennfeld.project.section import Section, finite
-from kennfeld.project.steady_section import check_steady, steady_entries
 from kennfeld.project.step_sections import steps
+from kennfeld.project.structuring import Section, finite
 from kennfeld.project.table_sections import group_axis, parameter_entry
-from kennfeld.project.toml import is_training, read_toml
+from kennfeld.project.toml_file import is_training, read_toml
 
 __all__ = ["read_datasets", "read_project"]
+
+_INNER = "calculated"
+
+_EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'
+
+
+def channel_tables(root: Section) -> tuple[dict[str, str], dict[str, str]]:
+    """The channels of inputs and the formulas of calculated channels, each by name.
+
+    >>> found = []
+    >>> text = {"channels": {"Speed": "n", "calculated": {"n": "omega * 30 / pi"}}}
+    >>> channel_tables(Section(text, "kennfeld.toml", found)), found
+    (({'Speed': 'n'}, {'n': 'omega * 30 / pi'}), [])
+    """
+    calculated = root.text_table("calculated")
+    section = root.section("channels")
+    if section is None:
+        return {}, calculated
+    inner = section.inner(_INNER) if isinstance(section.values.get(_INNER), dict) else None  # a text is a channel
+    names = [name for name in section.values if inner is None or name != _INNER]
+    channels = {name: text for name in names if (text := section.text(name))}
+    return channels, calculated if inner is None else _both(calculated, inner)
+
+
+def _both(calculated: dict[str, str], inner: Section) -> dict[str, str]:
+    """The formulas of both tables; the same name in both is reported."""
+    more = {name: text for name in inner.values if (text := inner.text(name))}
+    for name in more:
+        if name in calculated:
+            inner.report(name, "the channel stands in [calculated] too", "Remove one.")
+    return more | calculated
+
+
+def steady_entries(section: Section) -> tuple[SteadyEntry, ...]:
+    """The conditions under which a recording is steady: one table, or a list of them."""
+    given: Any = section.get("steady")
+    if given is None:
+        return ()
+    tables = [given] if isinstance(given, dict) else given
+    if not isinstance(tables, list) or not tables or not all(isinstance(item, dict) for item in tables):
+        section.report("steady", "it must be a table, or a list of tables", _EXAMPLE)
+        return ()
+    made: list[SteadyEntry] = []
+    for number, item in enumerate(tables, 1):
+        place = f"{section.place} steady" + (f" {number}" if len(tables) > 1 else "")
+        entry = _entry(Section(item, place, section.findings))
+        if entry.channel in [other.channel for other in made]:
+            section.report(f"steady {number}", f"channel {entry.channel} is named twice", "Remove one.")
+        made.append(entry)
+    return tuple(made)
+
+
+def _entry(section: Section) -> SteadyEntry:
+    for key in ("channel", "window", "tolerance"):
+        if not section.has(key):
+            section.report(key, "the key is missing", _EXAMPLE)
+    entry = SteadyEntry(
+        channel=section.text("channel"),
+        window=section.number("window", math.inf, 0.0, above=True),
+        tolerance=section.number("tolerance", 0.0, 0.0),
+    )
+    section.end()
+    return entry
+
+
+def check_steady(section: Section, entry: DatasetEntry) -> None:
+    """Keys that points made of plateaus have no use for."""
+    if not section.has("steady"):
+        return
+    if section.has("warmup"):
+        mend = f'Write where = "t > {entry.warmup:g}", or remove it.'
+        section.report("warmup", "warmup is for recordings that a function runs through, steady makes points", mend)
+    if entry.unknown_shifts:
+        what = "a shift cannot be found on the points that steady makes"
+        section.report("shift", what, f"Write {entry.unknown_shifts[0]} = ... in s.")
 
 
 def read_project(path: Path) -> ProjectFile:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from kennfeld.errors import Finding
 from kennfeld.optimize import Problem
-from kennfeld.optimize.data.overlap import HOLD_BACK, overlap_findings
-from kennfeld.project.files import matching
-from kennfeld.project.schema import DatasetEntry, ProjectFile
+from kennfeld.optimize.overlap import HOLD_BACK, overlap_findings
+from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.preprocessing.recordings import matching
+from kennfeld.project.schema import ProjectFile
 
 __all__ = ["seen_test_data"]
 

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from kennfeld.project.schema import DIRECTIONS, Lock, StepEntry
-from kennfeld.project.section import Section
+from kennfeld.project.structuring import Section
 from kennfeld.project.table_sections import read_factor, read_lock
 
 __all__ = ["steps"]

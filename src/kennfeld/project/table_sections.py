@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.project.limit_sections import shape_ranges
 from kennfeld.project.schema import DIRECTIONS, AxisEntry, Factor, Freedom, Lock, ParameterEntry, PinEntry, Range
-from kennfeld.project.section import Section, array
+from kennfeld.project.structuring import Section, array
 
 __all__ = ["group_axis", "parameter_entry", "read_factor", "read_lock"]
 

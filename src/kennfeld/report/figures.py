@@ -1,4 +1,7 @@
-"""The pictures of a report as plain data, which the page draws; small whatever the size of the data."""
+"""The pictures of a report as plain data, which the page draws; small whatever the size of the data.
+
+Long data made short enough to draw, without losing what can be seen.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
@@ -7,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis import Cells, Residuals
-from kennfeld.analysis.series import Series
-from kennfeld.arrays import Float
+from kennfeld.analysis.evaluation import Series
+from kennfeld.arrays import Float, Int
 from kennfeld.parameters import Axis, Parameter
-from kennfeld.report.decimation import Envelope, histogram, some
-from kennfeld.report.numbers import rounded
-from kennfeld.report.subject import Change, Subject
+from kennfeld.report.markup import rounded
+from kennfeld.report.report_data import Change, Subject
 
-__all__ = ["autocorrelation", "cells", "convergence", "histograms", "parameter", "scatter", "strip"]
+__all__ = ["Envelope", "histogram", "some"]
 
 ALL_POINTS = 120_000  # of all strips and scatter plots together
 TRACE_POINTS = (400, 4000)  # least and most of one trace
@@ -24,6 +26,45 @@ ALIKE = 1e-12  # relative range of errors up to which they are all the same
 OUTLYING = 0.001  # share of errors that may lie beyond the ends of a histogram
 
 Figure = Mapping[str, Any]
+
+
+class Envelope:
+    """Groups neighbouring samples so that a trace has at most `most` points: the least and the greatest of each group.
+
+    >>> groups = Envelope(8, most=4)
+    >>> groups.trace(np.array([0.0, 5, 1, 2, 3, 3, 9, -1]))
+    array([ 0.,  5., -1.,  9.])
+    """
+
+    def __init__(self, count: int, most: int) -> None:
+        self.whole = count <= most
+        size = 1 if self.whole else -(-count // max(most // 2, 1))
+        self.firsts = np.arange(0, count, size)
+
+    def trace(self, values: Float) -> Float:
+        """The values themselves, or least and greatest of each group in turn; NaN where a group has none."""
+        if self.whole:
+            return values
+        pair: Float = np.stack([np.fmin.reduceat(values, self.firsts), np.fmax.reduceat(values, self.firsts)], axis=1)
+        return pair.ravel()
+
+    def places(self, x: Float) -> Float:
+        """Where the points of a trace lie: the first sample of each group, twice."""
+        return x if self.whole else np.repeat(x[self.firsts], 2)
+
+
+def some(count: int, most: int, always: Sequence[int] = ()) -> Int:
+    """At most so many of `count` samples, drawn at random but the same each time, in order; `always` are among them."""
+    if count <= most:
+        return np.arange(count)
+    drawn = np.random.default_rng(0).choice(count, most, replace=False)
+    return np.unique(np.concatenate([drawn, np.asarray(always, dtype=np.int64)]))
+
+
+def histogram(values: Float, ends: tuple[float, float], bins: int) -> Int:
+    """How many values lie in each of the even bins between `ends`; those beyond count in the first and the last."""
+    inside = np.clip(values[np.isfinite(values)], *ends)
+    return np.histogram(inside, bins, ends)[0].astype(np.int64)
 
 
 def strip(before: Series, after: Series, series: int) -> Figure:

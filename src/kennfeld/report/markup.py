@@ -1,14 +1,101 @@
-"""HTML as values: text is escaped where it enters, so that no name of a channel or a file can become markup."""
+"""HTML as values: text is escaped where it enters, so that no name of a channel or a file can become markup.
+
+Numbers as a report shows them: rounded for pictures, with a few digits in text.
+"""
 
 import html
+import math
 from collections.abc import Iterable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-__all__ = ["Child", "Html", "details", "element", "table"]
+import numpy as np
+
+from kennfeld.arrays import Float
+
+__all__ = [
+    "MISSING",
+    "Child",
+    "Html",
+    "details",
+    "element",
+    "percent",
+    "recorded",
+    "rounded",
+    "shown",
+    "table",
+    "with_unit",
+]
+
+MISSING = "–"
 
 Child: TypeAlias = "str | Iterable[Child] | None"
 
 _VOID = frozenset({"meta", "br", "input"})
+
+
+def rounded(values: Any, digits: int = 5) -> list[Any]:
+    """Nested lists of numbers with so many significant digits; what is not finite is None.
+
+    >>> rounded([1 / 3, float("nan"), 123456.7])
+    [0.33333, None, 123460.0]
+    """
+    given: Float = np.asarray(values, dtype=np.float64)
+    known = np.isfinite(given)
+    size = np.abs(np.where(known & (given != 0), given, 1.0))
+    power = digits - 1 - np.floor(np.log10(size))
+    up, down = 10.0 ** np.clip(power, 0, 300), 10.0 ** np.clip(-power, 0, 300)
+    made = np.round(np.where(known, given, 0.0) / down * up) / up * down
+    if known.all():
+        return made.tolist()  # type: ignore[no-any-return]
+    holed = made.astype(object)
+    holed[~known] = None
+    return holed.tolist()  # type: ignore[no-any-return]
+
+
+def shown(value: float | None, digits: int = 4) -> str:
+    """A number as text.
+
+    >>> shown(76.38123), shown(123456.7), shown(0.00001234), shown(float("nan")), shown(2812)
+    ('76.38', '123457', '1.234e-05', '–', '2812')
+    """
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0 or 1e-4 <= abs(value) < 1e7:
+        whole = digits - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+        text = f"{value:.{max(whole, 0)}f}"
+        return text if float(value) != int(value) or "." not in text else f"{int(value)}"
+    return f"{value:.{digits - 1}e}"
+
+
+def recorded(value: float | None) -> str:
+    """A number as it was recorded, without zeros that nobody wrote.
+
+    >>> recorded(2554.1), recorded(48.0)
+    ('2554.1', '48')
+    """
+    if value is not None and math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return MISSING if value is None or math.isnan(value) else f"{value:.7g}"
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """A number with its unit: `1.83 Nm`."""
+    plain = "" if unit in ("", "-", "1") else f" {unit}"
+    return shown(value, digits) + plain
+
+
+def percent(share: float | None) -> str:
+    """A share in percent, with as many digits as make sense.
+
+    >>> percent(0.9761), percent(0.9989), percent(0.0034), percent(float("inf"))
+    ('98 %', '99.9 %', '0.34 %', '–')
+    """
+    if share is None or not math.isfinite(share):
+        return MISSING
+    value = 100 * share
+    if 99 <= abs(value) < 100:
+        return f"{math.copysign(min(abs(value), 99.9), value):.1f} %"  # never all where something is left
+    return f"{value:.0f} %" if abs(value) >= 9.95 or value == 0 else f"{value:.2g} %"
 
 
 class Html(str):

@@ -7,16 +7,14 @@ import numpy as np
 
 from kennfeld.optimize.quality import CONSTANT
 from kennfeld.report import figures
-from kennfeld.report.determined import limits, undetermined
-from kennfeld.report.facts import sources
-from kennfeld.report.markup import Html, details, element, table
-from kennfeld.report.measured import fit, residuals
-from kennfeld.report.numbers import MISSING, percent, shown, with_unit
+from kennfeld.report.markup import MISSING, Html, details, element, percent, shown, table, with_unit
+from kennfeld.report.parameter_section import parameters
 from kennfeld.report.pieces import Pictures, note
-from kennfeld.report.settings import settings
-from kennfeld.report.subject import Score, Subject
-from kennfeld.report.tables import parameters
-from kennfeld.report.verdict import pooled, remarks, verdict
+from kennfeld.report.provenance import settings, sources
+from kennfeld.report.report_data import Score, Subject
+from kennfeld.report.residual_sections import fit, residuals
+from kennfeld.report.summary import pooled, remarks, verdict
+from kennfeld.report.undetermined_section import limits, undetermined
 
 __all__ = ["Pictures", "sections"]
 

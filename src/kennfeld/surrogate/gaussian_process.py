@@ -13,12 +13,12 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
-from kennfeld.expansion import Expansion
-from kennfeld.surrogate.exact import Exact
+from kennfeld.rbf import Expansion
+from kennfeld.surrogate.exact_gp import Exact
+from kennfeld.surrogate.gp_kernel import greedy
 from kennfeld.surrogate.hyperparameters import exact_hyperparameters, sparse_hyperparameters
-from kennfeld.surrogate.inducing import greedy
-from kennfeld.surrogate.scaling import Scaling, checked_points
-from kennfeld.surrogate.sparse import Sparse
+from kennfeld.surrogate.sparse_gp import Sparse
+from kennfeld.surrogate.training_data import Scaling, checked_points
 from kennfeld.surrogate.validity import Validity
 
 __all__ = ["GaussianProcess", "Method", "gaussian_process"]

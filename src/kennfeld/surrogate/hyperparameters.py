@@ -5,10 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.surrogate.exact import exact_likelihood
-from kennfeld.surrogate.inducing import greedy
-from kennfeld.surrogate.plane import Plane
-from kennfeld.surrogate.sparse import sparse_bound
+from kennfeld.surrogate.exact_gp import exact_likelihood
+from kennfeld.surrogate.gp_kernel import Plane, greedy
+from kennfeld.surrogate.sparse_gp import sparse_bound
 
 __all__ = ["LENGTHS", "exact_hyperparameters", "sparse_hyperparameters"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.expansion import Expansion
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import Run, Runs, simulate
 
 __all__ = ["Stability", "check_stability"]

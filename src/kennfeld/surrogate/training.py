@@ -8,21 +8,16 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError, nearest
-from kennfeld.surrogate.choosing import MIDDLE, Choice, choose, folds
-from kennfeld.surrogate.expand import expand_data
-from kennfeld.surrogate.free_run import Settings
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
 from kennfeld.surrogate.gaussian_process import gaussian_process
-from kennfeld.surrogate.horizons import train_over_horizons
-from kennfeld.surrogate.lag_selection import select_lags
-from kennfeld.surrogate.lags import Lags
-from kennfeld.surrogate.narx import DynamicSurrogate
-from kennfeld.surrogate.one_step import one_step_expansion, one_step_lengths
-from kennfeld.surrogate.quality import Quality, quality_of
-from kennfeld.surrogate.recordings import channels_missing, points_of, raster_of, runs_of
-from kennfeld.surrogate.recursion import UNLIMITED, Run, Runs
+from kennfeld.surrogate.model_selection import MIDDLE, Choice, choose, folds, select_lags
+from kennfeld.surrogate.narx_training import Settings, one_step_expansion, one_step_lengths, train_over_horizons
+from kennfeld.surrogate.rbf_fit import expand_data
+from kennfeld.surrogate.recursion import UNLIMITED, Lags, Run, Runs
 from kennfeld.surrogate.stability import check_stability
-from kennfeld.surrogate.static import StaticSurrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Quality, StaticSurrogate, quality_of
+from kennfeld.surrogate.training_data import channels_missing, points_of, raster_of, runs_of
 from kennfeld.surrogate.validity import Validity
 from kennfeld.threads import blas_threads
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, readonly
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.inducing import greedy
-from kennfeld.surrogate.kernel import bells
+from kennfeld.surrogate.gp_kernel import bells, greedy
 
 __all__ = ["Validity"]
 

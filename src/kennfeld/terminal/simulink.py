@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from kennfeld.models.simulink.import_report import ImportReport
 from kennfeld.models.simulink.outline import Outline
-from kennfeld.models.simulink.report import ImportReport
-from kennfeld.models.simulink.variables.data import Entry
-from kennfeld.models.simulink.variables.dictionary import Dictionary
+from kennfeld.models.simulink.variables.data_dictionary import Dictionary
+from kennfeld.models.simulink.variables.stored_variables import Entry
 
 __all__ = [
     "dictionary_json",

@@ -1,7 +1,6 @@
 """Spreadsheets opened with care: what a damaged or hostile file could ask for is bounded before a library reads it."""
 
 from kennfeld.workbooks.formulas import Unsaved
-from kennfeld.workbooks.opening import Workbook, opened
-from kennfeld.workbooks.places import column_letters
+from kennfeld.workbooks.workbook import Workbook, column_letters, opened
 
 __all__ = ["Unsaved", "Workbook", "column_letters", "opened"]

@@ -5,9 +5,9 @@ from simulink_files import Model
 
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.graph.lowering import lower
+from kennfeld.graph.lookup_lowering import lower
 from kennfeld.models.simulink.importing import simulink
-from kennfeld.parameters import ParameterSet
+from kennfeld.parameter_set import ParameterSet
 
 
 def alone(kind, /, inputs=1, outputs=1, *, model=None, special=None, **parameters):

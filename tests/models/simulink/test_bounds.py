@@ -8,10 +8,10 @@ from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
+from kennfeld.graph import bounded_builder
+from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.parts import inspect_simulink
-from kennfeld.models.simulink.variables.dictionary import read_dictionary
-from kennfeld.models.simulink.weaving import effort
+from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 
 
 def said(drawn, folder, layout="slx parts", **options):
@@ -36,7 +36,7 @@ def product(rows, columns):
 
 
 def test_a_graph_ends_at_a_number_of_operations_and_names_the_block(tmp_path, monkeypatch):
-    monkeypatch.setattr(effort, "_MOST_NODES", 500)
+    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 500)
     assert import_simulink(product(20, 20).write(tmp_path)).model is not None
     (found,) = said(product(30, 30), tmp_path)
     assert found == (
@@ -53,7 +53,7 @@ def test_a_solver_whose_stages_are_too_many_operations_is_told(tmp_path, monkeyp
     drawn.chain("u", "I", "y")
     path = drawn.write(tmp_path)
     assert import_simulink(path).model is not None
-    monkeypatch.setattr(effort, "_MOST_NODES", 200)
+    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 200)
     with pytest.raises(InputError, match=r"model.slx ode5: the blocks up to here ask for more than 200 operations"):
         import_simulink(path)
 

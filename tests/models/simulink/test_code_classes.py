@@ -7,7 +7,7 @@ from simulink_files import Model
 from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
-from kennfeld.matlab.evaluation import evaluate
+from kennfeld.matlab.evaluator import evaluate
 from kennfeld.models.simulink.importing import import_simulink
 
 # arrays of three dimensions

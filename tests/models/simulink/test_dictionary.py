@@ -11,7 +11,7 @@ from simulink_files import zipped
 from simulink_runs import alone, imported
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.variables.dictionary import read_dictionary
+from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ from simulink_runs import alone, imported, run, switch_case
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import simulink
-from kennfeld.models.simulink.variables.dictionary import read_dictionary
-from kennfeld.models.simulink.variables.enumerations import enumeration_of
+from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+from kennfeld.models.simulink.variables.m_files import enumeration_of
 
 GEAR = """% the gears of the box
 classdef Gear < Simulink.IntEnumType

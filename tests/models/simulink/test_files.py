@@ -8,9 +8,9 @@ import pytest
 from simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.files.document import document, read_document
-from kennfeld.models.simulink.files.ports import ports_of
-from kennfeld.models.simulink.files.tree import Endpoint, Ports, split
+from kennfeld.models.simulink.reader.block_ports import ports_of
+from kennfeld.models.simulink.reader.document import document, read_document
+from kennfeld.models.simulink.reader.model_tree import Endpoint, Ports, split
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 

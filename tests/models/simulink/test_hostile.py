@@ -9,7 +9,7 @@ from simulink_runs import alone
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.weaving.registry import KINDS
+from kennfeld.models.simulink.lowering.registry import KINDS
 
 JUNK = [
     "", " ", "0", "-1", "1e9", "inf", "nan", "[]", "[1 2 3]", "[1;2]", "[1 2; 3 4]", "x", "'text'", "{1,2}", "1:5",

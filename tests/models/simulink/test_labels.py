@@ -4,9 +4,8 @@ import pytest
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.models.simulink.stateflow.actions import Language
-from kennfeld.models.simulink.stateflow.clanguage import CError, c_expression, c_statements
-from kennfeld.models.simulink.stateflow.labels import state_label, transition_label, without_comments
+from kennfeld.models.simulink.stateflow.c_action_parser import CError, c_expression, c_statements
+from kennfeld.models.simulink.stateflow.label_parser import Language, state_label, transition_label, without_comments
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@ from dataclasses import replace
 import pytest
 from simulink_files import LAYOUTS, Mask, Model
 
-from kennfeld.models.simulink.files import libraries
-from kennfeld.models.simulink.files.document import read_document
-from kennfeld.models.simulink.files.libraries import Libraries
+from kennfeld.models.simulink.reader import library_links
+from kennfeld.models.simulink.reader.document import read_document
+from kennfeld.models.simulink.reader.library_links import Libraries
 
 
 def library(name="mylib"):
@@ -130,7 +130,7 @@ def test_a_loop_of_libraries_is_told_with_its_chain(tmp_path):
 
 
 def test_links_that_multiply_without_end_are_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(libraries, "_MOST_BLOCKS", 5000)
+    monkeypatch.setattr(library_links, "_MOST_BLOCKS", 5000)
     for at in range(25):
         made = Model(f"lib{at}", kind="Library")
         inner = made.subsystem("S")

@@ -8,7 +8,8 @@ from simulink_files import Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map, Scalar
 
 U = np.random.default_rng(7).normal(size=30)
 T = 0.1

@@ -6,11 +6,11 @@ from simulink_files import Model
 from simulink_runs import run
 
 from kennfeld.cli import run as command
-from kennfeld.models.simulink import parts
+from kennfeld.graph import bounded_builder
+from kennfeld.models.simulink import importable_subsystems
+from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import simulink
-from kennfeld.models.simulink.opening import Opened
-from kennfeld.models.simulink.parts import inspect_simulink
-from kennfeld.models.simulink.weaving import effort
+from kennfeld.models.simulink.loaded_model import Opened
 
 U = np.linspace(-1, 1, 9)
 
@@ -133,7 +133,7 @@ def large(count=3):
 
 
 def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(effort, "_MOST_NODES", 250)
+    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 250)
     path = large().write(tmp_path)
     report = inspect_simulink(path)
     assert not report.whole
@@ -146,9 +146,9 @@ def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path,
 
 
 def test_a_search_that_ends_early_says_so(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(effort, "_MOST_NODES", 500)
-    monkeypatch.setattr(parts, "_MOST_ASKED", 1000)
-    monkeypatch.setattr(parts, "_LEAST_ASKED", 100)
+    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 500)
+    monkeypatch.setattr(importable_subsystems, "_MOST_ASKED", 1000)
+    monkeypatch.setattr(importable_subsystems, "_LEAST_ASKED", 100)
     path = large(8).write(tmp_path)
     report = inspect_simulink(path)
     assert 0 < len(report.subsystems) < 8
@@ -166,7 +166,7 @@ def test_a_solver_that_needs_too_many_operations_stops_the_whole_alone(tmp_path,
     chain(drawn.subsystem("Part"), 2, 3)
     path = drawn.write(tmp_path)
     assert inspect_simulink(path).whole
-    monkeypatch.setattr(effort, "_MOST_NODES", 200)
+    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 200)
     report = inspect_simulink(path)
     assert not report.whole
     assert [one.path for one in report.subsystems] == ["Part"]

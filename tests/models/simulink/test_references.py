@@ -7,7 +7,8 @@ from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
-from kennfeld.parameters import Curve, ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Curve, Scalar
 
 U = np.random.default_rng(3).normal(size=20)
 

@@ -10,7 +10,8 @@ from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.parameters import ParameterSet, Scalar
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 
 U = np.random.default_rng(5).normal(size=30)
 

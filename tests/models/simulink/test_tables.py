@@ -7,7 +7,8 @@ from simulink_files import LAYOUTS, Mask, Model
 from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
-from kennfeld.parameters import Map, ParameterSet
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Map
 
 RNG = np.random.default_rng(31)
 COUNT = 25

@@ -9,7 +9,7 @@ from simulink_runs import run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.variables.dictionary import read_dictionary
+from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 
 
 def objects(kind, *several, size=(1, 1)):

@@ -11,20 +11,18 @@ import pytest
 from simulink_code import outputs
 from simulink_runs import alone, imported, run
 
+from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
-from kennfeld.matlab.budget import Budget
-from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.evaluation import Evaluator, evaluate
+from kennfeld.matlab.errors import Budget, MatlabError
+from kennfeld.matlab.evaluator import Evaluator, evaluate
 from kennfeld.matlab.functions import REGISTERED
-from kennfeld.models.formula.functions import Loom
-from kennfeld.models.simulink.code.body import Body
-from kennfeld.models.simulink.code.desk import Desk
-from kennfeld.models.simulink.code.errors import CodeError
-from kennfeld.models.simulink.code.functions import LIBRARY
-from kennfeld.models.simulink.code.functions.bits import OF_BITS
-from kennfeld.models.simulink.code.functions.registry import matlab_word
-from kennfeld.models.simulink.code.values import (
+from kennfeld.models.imperative.evaluation_context import Desk
+from kennfeld.models.imperative.evaluation_errors import CodeError
+from kennfeld.models.imperative.library.elementwise_functions import OF_BITS
+from kennfeld.models.imperative.library.function_registry import LIBRARY, matlab_word
+from kennfeld.models.imperative.statement_interpreter import Body
+from kennfeld.models.imperative.symbolic_values import (
     Cells,
     String,
     Struct,
@@ -70,17 +68,17 @@ def as_double(value):
     return value.astype(float) if isinstance(value, np.ndarray) and value.dtype.kind in "iu" else value
 
 
-def held(loom, value):
+def held(builder, value):
     """A value of scripts as one of code."""
     if isinstance(value, v.Cell):
-        return Cells(tuple(held(loom, one) for one in value.values.ravel(order="F")), value.values.shape)
+        return Cells(tuple(held(builder, one) for one in value.values.ravel(order="F")), value.values.shape)
     if isinstance(value, v.Struct):
-        return Struct({key: held(loom, one) for key, one in value.fields.items()})
+        return Struct({key: held(builder, one) for key, one in value.fields.items()})
     if value.dtype.kind == "U":
         return "".join(value.ravel().tolist())
     if value.dtype.kind == "O":
         return String(value.flat[0])
-    nodes = constants(loom, value if value.dtype == bool else value.astype(float))
+    nodes = constants(builder, value if value.dtype == bool else value.astype(float))
     return integers(nodes, matlab_word(value.dtype.name)) if value.dtype.kind in "iu" else nodes
 
 
@@ -122,10 +120,10 @@ def in_scripts(name, arguments, wanted):
 
 def in_code(name, arguments, wanted):
     """What code gets; None where it is refused."""
-    loom = Loom()
-    desk = Desk(loom)
+    builder = GraphBuilder()
+    desk = Desk(builder)
     try:
-        results = LIBRARY[name].results(Body(desk).calls, [held(loom, one) for one in arguments], wanted)
+        results = LIBRARY[name].results(Body(desk).calls, [held(builder, one) for one in arguments], wanted)
         return [shown(desk, one) for one in results[: max(wanted, 1)]]
     except CodeError:
         return None

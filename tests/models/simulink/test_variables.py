@@ -10,9 +10,10 @@ from simulink_data import Thing, entry, matfile, sldd
 from simulink_files import Model
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.files.document import document
-from kennfeld.models.simulink.variables.variables import variables_of
-from kennfeld.parameters import Block, Map, ParameterSet, Scalar
+from kennfeld.models.simulink.reader.document import document
+from kennfeld.models.simulink.variables.model_variables import variables_of
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Block, Map, Scalar
 
 
 def variables(folder, script=None, given=()):

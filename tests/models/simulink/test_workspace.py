@@ -9,9 +9,13 @@ from matlab_files import save73
 from simulink_data import Thing, mxarray, numbers, pairs
 from simulink_files import LAYOUTS, Model
 
-from kennfeld.models.simulink.files.document import document
-from kennfeld.models.simulink.variables.data import Entry
-from kennfeld.models.simulink.variables.workspace import mat_variables, mxarray_variables, workspace_variables
+from kennfeld.models.simulink.reader.document import document
+from kennfeld.models.simulink.variables.stored_variables import (
+    Entry,
+    mat_variables,
+    mxarray_variables,
+    workspace_variables,
+)
 
 
 def parameters():

@@ -8,11 +8,11 @@ from repetitions import agree, own_targets
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
-from kennfeld.project.trust_table import write_trust
+from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+from kennfeld.project.results import write_trust
 
 KINKS, HEIGHTS = np.array([0, 1.2, 2.1, 6.5, 10.0]), np.array([0, 4.0, 1.0, 2.0, 8.0])
 X = np.random.default_rng(0).uniform(0, 10, 800)

@@ -8,7 +8,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust import Trust
-from kennfeld.optimize.trust.spectrum import Spectrum
+from kennfeld.optimize.trust.information_matrix import Spectrum
 from kennfeld.project.demo import torque
 
 RANDOM = np.random.default_rng(0)

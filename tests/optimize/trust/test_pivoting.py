@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.trust.pivoting import echelon, nullity, pivots
-from kennfeld.optimize.trust.spectrum import Spectrum
+from kennfeld.optimize.trust.information_matrix import Spectrum, echelon, nullity, pivots
 
 
 def turned(basis, seed):

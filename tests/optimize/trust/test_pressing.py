@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 from repetitions import agree
 
 import kennfeld as kf
-from kennfeld.optimize import Criterion, Limit, Options, Problem, Stop
-from kennfeld.optimize.calibration import Run
+from kennfeld.constraints import Limit
+from kennfeld.criteria import Criterion
+from kennfeld.optimize import Options, Problem, Stop
+from kennfeld.optimize.fit import Run
 from kennfeld.optimize.result import Seconds
-from kennfeld.optimize.trust.pressing import multipliers
+from kennfeld.optimize.trust.active_limits import multipliers
 
 GRID = np.linspace(0, 10, 11)
 U = np.random.default_rng(3).uniform(0, 10, 400)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.limits.limits import Limits, Rows
-from kennfeld.optimize.trust.reduction import Reduction, active_rows, held
+from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.trust.information_matrix import Reduction, active_rows, held
 
 
 def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():

@@ -5,12 +5,12 @@ import pytest
 from scipy.sparse import csr_array, eye_array
 
 import kennfeld as kf
-from kennfeld.optimize import Limit, Problem, Shape, run
+from kennfeld.constraints import Limit, Shape
+from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust import matrices
 from kennfeld.optimize.trust.block_factor import BLOCK, BlockFactor
+from kennfeld.optimize.trust.information_matrix import Spectrum, nullity
 from kennfeld.optimize.trust.inverse import DenseInverse, SparseInverse
-from kennfeld.optimize.trust.pivoting import nullity
-from kennfeld.optimize.trust.spectrum import Spectrum
 
 PLAIN = kf.Options(continuation="off")
 

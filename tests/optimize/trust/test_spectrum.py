@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.trust import spectrum
-from kennfeld.optimize.trust.spectrum import Spectrum, root
+from kennfeld.optimize.trust import information_matrix
+from kennfeld.optimize.trust.information_matrix import Spectrum, root
 
 
 def rows_with(null, size=9, seed=0):
@@ -74,8 +74,8 @@ def test_a_large_matrix_is_inverted_by_its_factor_to_the_same():
     matrix = rows.T @ rows
     scale = np.sqrt(np.diag(matrix))
     matrix = matrix / scale / scale[:, None]
-    found = spectrum._inverse_by_factor(matrix)
+    found = information_matrix._inverse_by_factor(matrix)
     np.testing.assert_array_equal(found, found.T)
-    np.testing.assert_allclose(found, spectrum._inverse(matrix), atol=1e-12 * np.abs(found).max())
+    np.testing.assert_allclose(found, information_matrix._inverse(matrix), atol=1e-12 * np.abs(found).max())
     with pytest.raises(np.linalg.LinAlgError):
-        spectrum._inverse_by_factor(np.ones((3, 3)))
+        information_matrix._inverse_by_factor(np.ones((3, 3)))

@@ -143,7 +143,7 @@ def test_what_cannot_be_computed_leaves_the_rest_of_the_result(monkeypatch):
     def fails(*_):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr("kennfeld.optimize.trust.inspection.estimate", fails)
+    monkeypatch.setattr("kennfeld.optimize.trust.assessment.estimate", fails)
     trust = fit().trust
     assert list(trust.informed) == ["M"]
     assert trust.deviation == {}

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from repetitions import agree, own_targets
 
 import kennfeld as kf
+from kennfeld.criteria import Region
 from kennfeld.native import Accumulator
-from kennfeld.optimize import Problem, Region, run
-from kennfeld.optimize.limits.limiting import limits_of
+from kennfeld.optimize import Problem, run
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import limits_of
 from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.problem import Compiled
-from kennfeld.optimize.solver.gauss_newton import Settings, gauss_newton
+from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
 from kennfeld.optimize.trust.noise import classes, groups, rescored
 
 SIZE, REPETITIONS = 400, 400

@@ -7,8 +7,8 @@ import pytest
 from kennfeld import formula, read
 from kennfeld.cli import run
 from kennfeld.project import Project
-from kennfeld.project.demo import diesel, exhaust, write
-from kennfeld.project.demo.drive import drive
+from kennfeld.project.demo import diesel_drive, exhaust, write
+from kennfeld.project.demo.diesel_drive import drive
 
 SPEED = np.linspace(800.0, 4200.0, 18)
 
@@ -39,15 +39,15 @@ def test_another_seed_is_another_drive():
 @pytest.mark.parametrize("seed", range(6))
 def test_the_engine_stays_within_its_limits(seed):
     _, speed, fuel = drive(8000, seed)
-    assert speed.min() > 0.9 * diesel.IDLE_SPEED
-    assert speed.max() < diesel.TOP_SPEED - 1
+    assert speed.min() > 0.9 * diesel_drive.IDLE_SPEED
+    assert speed.max() < diesel_drive.TOP_SPEED - 1
     assert fuel.min() == 0.0  # overrun
-    assert np.all(fuel <= 1.001 * diesel.full_load(np.arange(5000.0)).max())
+    assert np.all(fuel <= 1.001 * diesel_drive.full_load(np.arange(5000.0)).max())
 
 
 def test_the_drive_stands_pulls_and_coasts():
     _, speed, fuel = drive(26_482, 0)
-    assert np.mean(np.abs(speed - diesel.IDLE_SPEED) < 20) > 0.02
+    assert np.mean(np.abs(speed - diesel_drive.IDLE_SPEED) < 20) > 0.02
     assert np.mean((fuel == 0) & (speed > 1000)) > 0.05
     assert np.mean(fuel > 40) > 0.03
     assert np.mean(speed > 3000) > 0.03
@@ -56,22 +56,22 @@ def test_the_drive_stands_pulls_and_coasts():
 def test_more_fuel_is_hotter_and_takes_more_air():
     fuel = np.linspace(0.0, 52.0, 40)
     for speed in SPEED:
-        assert np.all(np.diff(diesel.settled_temperature(np.full(40, speed), fuel)) > 0)
+        assert np.all(np.diff(diesel_drive.settled_temperature(np.full(40, speed), fuel)) > 0)
     pulling = fuel[fuel > 25]  # below, recirculated gas gives way
     for speed in SPEED:
-        assert np.all(np.diff(diesel.stroke_air(np.full(pulling.size, speed), pulling)) > 0)
+        assert np.all(np.diff(diesel_drive.stroke_air(np.full(pulling.size, speed), pulling)) > 0)
 
 
 def test_more_air_is_faster():
-    assert np.all(np.diff(diesel.lag(np.linspace(30.0, 500.0, 50))) < 0)
+    assert np.all(np.diff(diesel_drive.lag(np.linspace(30.0, 500.0, 50))) < 0)
 
 
 def test_no_grid_of_this_size_holds_the_surface_exactly():
     """The truth is no map: between the grid points it lies off the planes through them."""
     table = exhaust.start()["MapSettled"]
     x, y = (axis.breakpoints for axis in table.axes)
-    middle = diesel.settled_temperature((x[3] + x[4]) / 2, (y[2] + y[3]) / 2)
-    corners = [diesel.settled_temperature(a, b) for a in x[3:5] for b in y[2:4]]
+    middle = diesel_drive.settled_temperature((x[3] + x[4]) / 2, (y[2] + y[3]) / 2)
+    corners = [diesel_drive.settled_temperature(a, b) for a in x[3:5] for b in y[2:4]]
     assert abs(middle - np.mean(corners)) > 1.0
 
 
@@ -93,12 +93,12 @@ def test_the_end_is_the_noise_on_both_drives(result):
 
 def test_the_time_constants_are_the_engines(result):
     curve = result.parameters["CurveTimeConstant"]
-    assert curve.values == pytest.approx(diesel.lag(curve.axes[0].breakpoints), rel=0.05)
+    assert curve.values == pytest.approx(diesel_drive.lag(curve.axes[0].breakpoints), rel=0.05)
 
 
 def test_the_map_is_the_engines_where_the_drive_went(result):
     data = exhaust.training()
-    steady = diesel.settled_temperature(data["Speed"].values, data["Injection"].values)
+    steady = diesel_drive.settled_temperature(data["Speed"].values, data["Injection"].values)
     found = formula("y = MapSettled(Speed, Injection)", parameters=list(exhaust.start()))
     assert np.sqrt(np.mean((_simulated(found, data, result.parameters) - steady) ** 2)) < 5.0
 

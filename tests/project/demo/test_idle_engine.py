@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 
 import kennfeld as kf
-from kennfeld.project.demo.idle_engine import random_steps, simulate_engine
+from kennfeld.project.demo.petrol_engine import random_steps, simulate_engine
 
 FORMULA = Path(__file__).resolve().parents[3] / "examples" / "idle-speed" / "idle.kf"
 

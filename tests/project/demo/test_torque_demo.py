@@ -7,7 +7,7 @@ import pytest
 from kennfeld import InputError, formula, read, read_parameters
 from kennfeld.cli import run
 from kennfeld.project import Project
-from kennfeld.project.demo import engine, torque, write
+from kennfeld.project.demo import petrol_engine, torque, write
 
 
 @pytest.fixture
@@ -24,9 +24,11 @@ def load_only(project):
 def errors_of_tables(parameters):
     """The root mean square difference of each map from the engine's own, at its grid points."""
     truths = {
-        "MapOptTorque": lambda n, air: engine.torque(n, air, engine.best_spark(n, air)) + engine.drag(n),
-        "MapOptIgnition": engine.best_spark,
-        "MapDragTorque": lambda n, air: engine.drag(n),
+        "MapOptTorque": lambda n, air: (
+            petrol_engine.torque(n, air, petrol_engine.best_spark(n, air)) + petrol_engine.drag(n)
+        ),
+        "MapOptIgnition": petrol_engine.best_spark,
+        "MapDragTorque": lambda n, air: petrol_engine.drag(n),
     }
     errors = {}
     for name, truth in truths.items():
@@ -43,28 +45,30 @@ def test_the_bench_is_full_factorial_and_met_nearly():
 
 def test_the_best_spark_gives_the_greatest_torque():
     speed, air = np.array([1500.0, 4000.0]), np.array([40.0, 90.0])
-    best = engine.best_spark(speed, air)
-    top = engine.torque(speed, air, best)
-    assert np.all(top > engine.torque(speed, air, best + 1))
-    assert np.all(top > engine.torque(speed, air, best - 1))
+    best = petrol_engine.best_spark(speed, air)
+    top = petrol_engine.torque(speed, air, best)
+    assert np.all(top > petrol_engine.torque(speed, air, best + 1))
+    assert np.all(top > petrol_engine.torque(speed, air, best - 1))
 
 
 def test_without_charge_the_engine_drags():
     """Crossley and Cook: 181.3 - 138.7 Nm, and what changes with speed, here 0 and 100 rad/s."""
     speed = np.array([0.0, 100.0]) * 30 / np.pi
-    assert engine.drag(speed) == pytest.approx([42.6, 42.6 - 2.7 + 1.07], abs=0.02)
+    assert petrol_engine.drag(speed) == pytest.approx([42.6, 42.6 - 2.7 + 1.07], abs=0.02)
 
 
 def test_the_efficiency_is_1_at_the_best_spark_and_falls_on_both_sides():
     speed, air = np.array([1500.0, 4000.0]), np.array([40.0, 90.0])
-    assert engine.efficiency(speed, air, np.zeros(2)) == pytest.approx(1.0)
-    assert np.all(engine.efficiency(speed, air, np.full(2, 20.0)) < 0.97)
-    assert engine.efficiency(speed, air, np.full(2, 20.0)) == pytest.approx(engine.efficiency(speed, air, -20.0))
+    assert petrol_engine.efficiency(speed, air, np.zeros(2)) == pytest.approx(1.0)
+    assert np.all(petrol_engine.efficiency(speed, air, np.full(2, 20.0)) < 0.97)
+    assert petrol_engine.efficiency(speed, air, np.full(2, 20.0)) == pytest.approx(
+        petrol_engine.efficiency(speed, air, -20.0)
+    )
 
 
 def test_motored_points_are_few_and_measure_the_drag():
     motored = torque.motored()
-    error = motored["MotoringTorque"].values - engine.drag(motored["Speed"].values)
+    error = motored["MotoringTorque"].values - petrol_engine.drag(motored["Speed"].values)
     assert motored.samples == 27
     assert np.sqrt(np.mean(error**2)) == pytest.approx(torque.NOISE, rel=0.3)
 
@@ -149,7 +153,7 @@ def test_the_project_file_adds_what_an_engineer_knows(project, load_only):
     for name, table in theirs["parameters"].items():
         assert table.items() <= ours["parameters"][name].items()
     best = ours["parameters"]["MapOptIgnition"]["pin"][0]
-    assert best["value"] == pytest.approx(float(engine.best_spark(*np.array(best["at"])[:, None])[0]), abs=0.5)
+    assert best["value"] == pytest.approx(float(petrol_engine.best_spark(*np.array(best["at"])[:, None])[0]), abs=0.5)
 
 
 def test_what_is_written_is_what_was_made(project):

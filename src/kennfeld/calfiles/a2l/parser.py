@@ -9,11 +9,14 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
-from kennfeld.calfiles.a2l.blocks import Block, Include, blocks, unquoted
-from kennfeld.calfiles.a2l.cursor import Cursor, UnusableError, number, whole
-from kennfeld.calfiles.a2l.instances import Instances
-from kennfeld.calfiles.a2l.layouts import record_layout
-from kennfeld.calfiles.a2l.methods import compu_method, compu_tab, compu_vtab, compu_vtab_range
+from kennfeld.calfiles.a2l.definitions import (
+    Instances,
+    compu_method,
+    compu_tab,
+    compu_vtab,
+    compu_vtab_range,
+    record_layout,
+)
 from kennfeld.calfiles.a2l.objects import (
     A2l,
     AxisDescr,
@@ -22,6 +25,7 @@ from kennfeld.calfiles.a2l.objects import (
     Function,
     ModCommon,
 )
+from kennfeld.calfiles.a2l.syntax import Block, Cursor, Include, UnusableError, blocks, number, unquoted, whole
 from kennfeld.calfiles.format import Notes
 
 __all__ = ["parse_a2l"]

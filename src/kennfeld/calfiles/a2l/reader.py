@@ -5,15 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.calfiles.a2l.cursor import UnusableError
 from kennfeld.calfiles.a2l.labels import Label, Labels
 from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic
-from kennfeld.calfiles.a2l.record import AbsentError
-from kennfeld.calfiles.format import Notes, counted, listed
-from kennfeld.calfiles.images.image import Image
-from kennfeld.calfiles.origin import Flash
+from kennfeld.calfiles.a2l.record_layout import AbsentError
+from kennfeld.calfiles.a2l.syntax import UnusableError
+from kennfeld.calfiles.flash.image import Image
+from kennfeld.calfiles.format import Flash, Notes
 from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.formatting import counted, listed
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["read_parameters", "say_identity"]
 

@@ -14,11 +14,12 @@ from math import prod
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.cdfx.instances import Instance, instances
-from kennfeld.calfiles.cdfx.values import Values, array_size, values_of
-from kennfeld.calfiles.format import Content, Notes, Source, counted, listed
+from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
+from kennfeld.calfiles.format import Content, Notes, Source
 from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
+from kennfeld.formatting import counted, listed
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 __all__ = ["read_cdfx", "recognises_cdfx"]
 

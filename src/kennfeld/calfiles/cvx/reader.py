@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.calfiles.words import of_one_kind
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
+from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.verbal_values import of_one_kind
+from kennfeld.formatting import counted
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 __all__ = ["read_cvx", "recognises_cvx"]
 

@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass, field
 
 from kennfeld.calfiles.format import Notes
-from kennfeld.errors import nearest
+from kennfeld.formatting import nearest
 
 __all__ = ["Block", "DcmLines", "Statement", "recognises_dcm", "split", "unquoted", "words"]
 

@@ -11,9 +11,11 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.dcm.lines import Block as Lines
 from kennfeld.calfiles.dcm.lines import DcmLines, split, unquoted
-from kennfeld.calfiles.format import Content, Notes, Source, counted
-from kennfeld.calfiles.words import of_one_kind
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text, TextKind, parameter
+from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.verbal_values import of_one_kind
+from kennfeld.formatting import counted
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 __all__ = ["Dcm", "Key", "VariantValue", "read_dcm", "variant_of", "variant_values"]
 

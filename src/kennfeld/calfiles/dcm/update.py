@@ -15,7 +15,8 @@ from kennfeld.calfiles.dcm.lines import Block as Lines
 from kennfeld.calfiles.dcm.reader import Dcm, Key, VariantValue, variant_values
 from kennfeld.calfiles.dcm.writer import axis_block, in_the_block_of, quoted, refuse, thing_block, whole_text
 from kennfeld.calfiles.format import Written
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["write_dcm"]
 

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes, holds_control_characters, one_line
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Text
+from kennfeld.calfiles.format import Notes
+from kennfeld.formatting import holds_control_characters, one_line
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Parameter, Text
 
 __all__ = ["axis_block", "in_the_block_of", "quoted", "refuse", "thing_block", "whole_text"]
 

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.calfiles.excel.book import Sheet, index_heading, number_fault, opened, sheet_of
-from kennfeld.calfiles.excel.sheets import (
+from kennfeld.calfiles.excel.layout import (
     AXES,
     AXES_HEADING,
     INDEX,
@@ -17,11 +16,18 @@ from kennfeld.calfiles.excel.sheets import (
     TEXT_KINDS,
     TEXTS,
     TEXTS_HEADING,
+    Sheet,
+    index_heading,
+    number_fault,
+    opened,
+    sheet_of,
 )
 from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
 from kennfeld.calfiles.format import Content, Notes, Source
-from kennfeld.errors import ArgumentError, nearest
-from kennfeld.parameters import Axis, Block, Parameter, ParameterSet, Scalar, Text, TextKind, parameter
+from kennfeld.errors import ArgumentError
+from kennfeld.formatting import nearest
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 from kennfeld.workbooks import Workbook
 
 __all__ = ["read_excel"]

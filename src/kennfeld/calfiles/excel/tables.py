@@ -6,9 +6,9 @@ from itertools import product
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.excel.book import Sheet, number_fault
-from kennfeld.calfiles.excel.sheets import AXIS_HEADING, CORNERS, LETTERS
-from kennfeld.calfiles.format import Notes, counted
+from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, LETTERS, Sheet, number_fault
+from kennfeld.calfiles.format import Notes
+from kennfeld.formatting import counted
 
 __all__ = ["AxisCells", "Grid", "read_grid", "read_number"]
 

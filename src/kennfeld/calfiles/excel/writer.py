@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.excel.sheets import (
+from kennfeld.calfiles.excel.layout import (
     AXES,
     AXES_HEADING,
     AXIS_HEADING,
@@ -25,8 +25,10 @@ from kennfeld.calfiles.excel.sheets import (
     TEXTS_HEADING,
     sheet_names,
 )
-from kennfeld.calfiles.format import Notes, Written, holds_control_characters
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.calfiles.format import Notes, Written
+from kennfeld.formatting import holds_control_characters
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 from kennfeld.workbooks import column_letters
 
 __all__ = ["write_excel"]

@@ -6,9 +6,11 @@ from html import escape
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes, Written, counted, holds_control_characters, listed
+from kennfeld.calfiles.format import Notes, Written
 from kennfeld.calfiles.msq.reader import Constant, Msq
-from kennfeld.parameters import Axis, Parameter, ParameterSet, Text
+from kennfeld.formatting import counted, holds_control_characters, listed
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["write_msq"]
 

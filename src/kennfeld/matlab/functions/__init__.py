@@ -1,19 +1,28 @@
 """The functions of MATLAB that parameter scripts and block fields use, by family."""
 
 from kennfeld.matlab.functions import (
+    array_shapes,
     bits,
     elementary,
-    making,
     polynomials,
-    reducing,
-    searching,
-    shaping,
-    structures,
-    texts,
+    reductions,
+    strings,
+    structs_and_cells,
     types,
 )
-from kennfeld.matlab.functions.registry import REGISTERED, Arguments, Function
+from kennfeld.matlab.functions.numeric_registry import REGISTERED, Arguments, Function
 
 __all__ = ["REGISTERED", "Arguments", "Function"]
 
-_FAMILIES = (bits, elementary, making, polynomials, reducing, searching, shaping, structures, texts, types)
+_FAMILIES = (
+    bits,
+    elementary,
+    array_shapes,
+    polynomials,
+    reductions,
+    reductions,
+    array_shapes,
+    structs_and_cells,
+    strings,
+    types,
+)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kennfeld.matlab.functions.elementary import paired
-from kennfeld.matlab.functions.registry import REGISTERED, Arguments, Function, function
+from kennfeld.matlab.functions.numeric_registry import REGISTERED, Arguments, Function, function
 from kennfeld.matlab.values import INTEGERS, Array, NoValueError, Value, class_of, text
 
 __all__: list[str] = []

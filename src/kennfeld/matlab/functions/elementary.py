@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.matlab.arithmetic import as_class, binary, result_class, unary
-from kennfeld.matlab.functions.registry import REGISTERED, Arguments, Function, function
+from kennfeld.matlab.functions.numeric_registry import REGISTERED, Arguments, Function, function
+from kennfeld.matlab.operators import as_class, binary, result_class, unary
 from kennfeld.matlab.values import Array, NoValueError, Value, class_of, plain
 
 __all__ = ["paired"]

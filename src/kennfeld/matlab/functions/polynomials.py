@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.matlab.functions.registry import MANY, Arguments, function
+from kennfeld.matlab.functions.numeric_registry import MANY, Arguments, function
 from kennfeld.matlab.values import NoValueError, Value, row
 
 __all__: list[str] = []

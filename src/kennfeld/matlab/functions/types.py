@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.matlab.arithmetic import as_class
-from kennfeld.matlab.functions.registry import MANY, REGISTERED, Arguments, Function, function
+from kennfeld.matlab.functions.numeric_registry import MANY, REGISTERED, Arguments, Function, function
+from kennfeld.matlab.operators import as_class
 from kennfeld.matlab.values import (
     INTEGERS,
     Array,
@@ -167,7 +167,7 @@ def _feval(given: Arguments) -> tuple[Value, ...]:
 
 @function("func2str", 1)
 def _func2str(given: Arguments) -> Value:
-    from kennfeld.matlab.printing import printed
+    from kennfeld.matlab.printer import printed
 
     handle = given[0]
     if not isinstance(handle, Handle):

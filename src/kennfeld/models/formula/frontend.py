@@ -1,4 +1,7 @@
-"""The ways from text to a model or a graph."""
+"""The ways from text to a model or a graph.
+
+The data-driven models that lie beside a formula text and that it calls.
+"""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -8,19 +11,20 @@ from typing import TYPE_CHECKING
 
 from kennfeld.errors import InputError
 from kennfeld.graph import Graph
-from kennfeld.models.formula.build import build
-from kennfeld.models.formula.functions import Function, Loom
-from kennfeld.models.formula.names import Names, Surroundings
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction
+from kennfeld.models.formula.lexer import Source, split
+from kennfeld.models.formula.lowering import build
+from kennfeld.models.formula.name_resolution import Names, Surroundings, walk
 from kennfeld.models.formula.parser import Keys, parse, parse_expression
-from kennfeld.models.formula.source import Source, split
-from kennfeld.models.formula.states import merged
-from kennfeld.models.formula.syntax import Declaration, Definition, Statement, Step, Token
+from kennfeld.models.formula.printer import merged
+from kennfeld.models.formula.syntax import Call, Declaration, Definition, FunctionDefinition, Statement, Step, Token
 from kennfeld.models.model import Model
 
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["expression", "extend", "formula", "read", "text_of"]
+__all__ = ["expression", "extend", "formula", "read", "surrogates_beside", "text_of"]
 
 
 def formula(
@@ -74,13 +78,13 @@ def _model(
     statements = parse(source)
     names = Names(statements, Surroundings(parameters=parameters, functions=_called(surrogates)), source)
     step = _step(statements, source)
-    loom = Loom()
-    nodes = build(names, loom, {})
+    builder = GraphBuilder()
+    nodes = build(names, builder, {})
     visible = {n: at for n, at in nodes.items() if not names.definitions[n].auxiliary}
     if not names.definitions and not source.findings:
         source.report_all("the text defines no node", "Write name[unit] = expression.")
     source.raise_findings()
-    graph = merged(loom.finish(visible, {}, tuple(names.outputs)))
+    graph = merged(builder.finish(visible, {}, tuple(names.outputs)))
     return Model(
         graph=replace(graph, units=_units(names, graph)),
         name=name,
@@ -92,10 +96,10 @@ def _model(
     )
 
 
-def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, Function]:
+def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, BuiltinFunction]:
     if not surrogates:
         return {}
-    from kennfeld.models.formula.surrogates import functions_of  # most texts call none
+    from kennfeld.models.formula.functions import functions_of  # most texts call none
 
     return functions_of(surrogates)
 
@@ -140,10 +144,10 @@ def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
     graph = model.graph
     axes = {**model.declared, **graph.parameters}
     around = Surroundings(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
-    loom = Loom.of(graph)
-    assert isinstance(loom, Loom)
-    made = _expressions(nodes, place, around, loom, graph.names)
-    grown = loom.finish({**graph.names, **made}, graph.units, (*graph.outputs, *nodes))
+    builder = GraphBuilder.of(graph)
+    assert isinstance(builder, GraphBuilder)
+    made = _expressions(nodes, place, around, builder, graph.names)
+    grown = builder.finish({**graph.names, **made}, graph.units, (*graph.outputs, *nodes))
     places = {**model.places, **dict.fromkeys(nodes, place)}
     return replace(model, graph=merged(grown), places=MappingProxyType(places))
 
@@ -156,14 +160,14 @@ def expression(text: str, place: str, channels: Collection[str] | None = None) -
     >>> expression("air_kg_h / n_rpm * 1000", "kennfeld.toml [calculated] rel_air").inputs
     ('air_kg_h', 'n_rpm')
     """
-    loom = Loom()
+    builder = GraphBuilder()
     # no channel has the empty name, so the expression may read one called "value"
-    made = _expressions({"": text}, place, Surroundings(parameters=(), channels=channels), loom, {})
-    return merged(loom.finish({"value": made[""]}))
+    made = _expressions({"": text}, place, Surroundings(parameters=(), channels=channels), builder, {})
+    return merged(builder.finish({"value": made[""]}))
 
 
 def _expressions(
-    texts: Mapping[str, str], place: str, around: Surroundings, loom: Loom, known: Mapping[str, int]
+    texts: Mapping[str, str], place: str, around: Surroundings, builder: GraphBuilder, known: Mapping[str, int]
 ) -> dict[str, int]:
     """The nodes of expressions by name; raises what is wrong with any of them."""
     lines: list[str] = []
@@ -184,10 +188,57 @@ def _expressions(
         around,
         source,
     )
-    nodes = build(names, loom, known)
+    nodes = build(names, builder, known)
     source.raise_findings()
     return nodes
 
 
 def _quoted(name: str) -> str:
     return f"%{name.replace('%', '%%')}%"
+
+
+def surrogates_beside(path: str | Path) -> "tuple[Surrogate, ...]":
+    """The surrogates in files NAME.json beside a text, where the text calls NAME and does not declare it as a table.
+
+    A project says itself where its surrogates are; this is for a text alone. Each has the name of its file. Raises
+    `InputError` where such a file is damaged; a text that cannot be read calls none.
+    """
+    path = Path(path)
+    found = [file for name in _names_called(path) if (file := _file(path, name)) is not None]
+    if not found:
+        return ()
+    from dataclasses import replace
+
+    from kennfeld.surrogate import read_surrogate
+
+    return tuple(replace(read_surrogate(file), name=file.stem) for file in found)
+
+
+def _names_called(path: Path) -> Collection[str]:
+    """What the text calls and defines nowhere."""
+    try:
+        source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace"))
+    except OSError:
+        return ()
+    statements = parse(source)
+    own = {one.at.name for one in statements if isinstance(one, Declaration | FunctionDefinition | Definition)}
+    written = [
+        one.value for one in statements if isinstance(one, Definition | FunctionDefinition) and one.value is not None
+    ]
+    called = dict.fromkeys(part.name for value in written for part in walk(value) if isinstance(part, Call))
+    return [name for name in called if name not in own and name not in FUNCTIONS]
+
+
+def _file(path: Path, name: str) -> Path | None:
+    """The file of a surrogate of that name, None where there is none; a calibration file is none."""
+    file = path.with_name(f"{name}.json") if Path(name).name == name else path
+    if file == path or not file.is_file():
+        return None
+    from kennfeld.surrogate import recognises_surrogate
+
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(200).decode("utf-8", errors="replace")
+    except OSError:
+        return None
+    return file if recognises_surrogate(head) else None

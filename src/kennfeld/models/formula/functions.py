@@ -1,18 +1,21 @@
 """The built-in functions of formula text, as data: a signature, and the graph that a call becomes.
 
-A function with memory writes its graph through `Loom.remember`: what is read now, and what the next step will find.
-Arguments that are only needed for the next step come as a callable, asked when all nodes exist; this is
+A function with memory writes its graph through `GraphBuilder.remember`: what is read now, and what the next step will
+find. Arguments that are only needed for the next step come as a callable, asked when all nodes exist; this is
 how feedback is written.
+
+Data-driven models as functions of formula text: `n = engine(throttle, load)`.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from kennfeld.graph import Builder
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.surrogate import DynamicSurrogate, Surrogate
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "OPERATORS", "Argument", "Function", "Loom", "UnusableError"]
+__all__ = ["CONSTANTS", "FUNCTIONS", "OPERATORS", "Argument", "BuiltinFunction", "UnusableError", "functions_of"]
 
 CONSTANTS: Final = {"pi": math.pi, "inf": math.inf, "nan": math.nan}
 
@@ -35,6 +38,8 @@ OPERATORS: Final = {
 
 Later = Callable[[], int]
 
+_UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh floor ceil round sign"
+
 
 class UnusableError(Exception):
     """A rule cannot use the argument of this name."""
@@ -42,51 +47,6 @@ class UnusableError(Exception):
     def __init__(self, argument: str, what: str) -> None:
         super().__init__(what)
         self.argument, self.what = argument, what
-
-
-class Loom(Builder):
-    """A graph builder whose memories may say later what they hold."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._open: list[tuple[int, Callable[[int], tuple[int, int]]]] = []
-
-    def remember(self, init: int, then: Callable[[int], int], latency: int = 1) -> int:
-        """A new memory as read now; `then` maps it to what it holds next, and is asked in `settle`."""
-        return self._opened(lambda read: (init, then(read)), latency)
-
-    def remember_input(self, x: Callable[[], int], otherwise: float, latency: int) -> int:
-        """A memory of x that starts with the first x, or `otherwise` where the first x needs this memory."""
-
-        def held(read: int) -> tuple[int, int]:
-            node = x()
-            return (self.const(otherwise) if self._needs(node, read) else node), node
-
-        return self._opened(held, latency)
-
-    def _opened(self, held: Callable[[int], tuple[int, int]], latency: int) -> int:
-        read = self.state(latency)
-        self._open.append((read, held))
-        return read
-
-    def _needs(self, node: int, other: int) -> bool:
-        """Whether a node is computed from another one within the step."""
-        seen, stack = {node}, [node]
-        while stack:
-            args = [a for a in self.nodes[stack.pop()].args if a not in seen]
-            seen.update(args)
-            stack += args
-        return other in seen
-
-    def settle(self) -> None:
-        """Complete all memories; completing one may open further ones."""
-        while self._open:
-            read, held = self._open.pop()
-            self.close(read, *held(read))
-
-    def value(self, node: int) -> float | None:
-        """The value of a constant node."""
-        return float(self.nodes[node].payload) if self.nodes[node].op == "const" else None
 
 
 class Argument(NamedTuple):
@@ -97,8 +57,8 @@ class Argument(NamedTuple):
     later: bool
 
 
-class Function(NamedTuple):
-    """A built-in function; `rule(loom, *arguments)` writes its graph."""
+class BuiltinFunction(NamedTuple):
+    """A built-in function; `rule(builder, *arguments)` writes its graph."""
 
     name: str
     signature: str
@@ -121,105 +81,103 @@ class Function(NamedTuple):
         return self.arguments[min(index, len(self.arguments) - 1)]
 
 
-def _function(signature: str, rule: Callable[..., int], memory: bool = False, later: str = "") -> Function:
+def _function(signature: str, rule: Callable[..., int], memory: bool = False, later: str = "") -> BuiltinFunction:
     name, _, inside = signature.removesuffix(")").partition("(")
     arguments = []
     for part in inside.removesuffix(", ...").split(", "):
         argument, _, default = part.partition("=")
         arguments.append(Argument(argument, default, argument in later.split()))
-    return Function(name, signature, tuple(arguments), rule, memory)
+    return BuiltinFunction(name, signature, tuple(arguments), rule, memory)
 
 
-def _operation(loom: Loom, *args: int, op: str) -> int:
-    return loom.call(op, *args)
+def _operation(builder: GraphBuilder, *args: int, op: str) -> int:
+    return builder.call(op, *args)
 
 
-def _fold(loom: Loom, first: int, *others: int, op: str) -> int:
+def _fold(builder: GraphBuilder, first: int, *others: int, op: str) -> int:
     for other in others:
-        first = loom.call(op, first, other)
+        first = builder.call(op, first, other)
     return first
 
 
-def _if(loom: Loom, condition: int, a: int, b: int) -> int:
-    return loom.call("select", condition, a, b)
+def _if(builder: GraphBuilder, condition: int, a: int, b: int) -> int:
+    return builder.call("select", condition, a, b)
 
 
-def _bswitch(loom: Loom, x: int, a: int, b: int) -> int:
-    return loom.call("select", loom.call("le", x, loom.const(0.0)), a, b)
+def _bswitch(builder: GraphBuilder, x: int, a: int, b: int) -> int:
+    return builder.call("select", builder.call("le", x, builder.const(0.0)), a, b)
 
 
-def _clip(loom: Loom, x: int, lower: int, upper: int) -> int:
-    return loom.call("min", loom.call("max", x, lower), upper)
+def _clip(builder: GraphBuilder, x: int, lower: int, upper: int) -> int:
+    return builder.call("min", builder.call("max", x, lower), upper)
 
 
-def _prev(loom: Loom, x: Later, init: int) -> int:
-    return loom.remember(init, lambda read: x())
+def _prev(builder: GraphBuilder, x: Later, init: int) -> int:
+    return builder.remember(init, lambda read: x())
 
 
-def _delay(loom: Loom, x: Later, n: int, init: int) -> int:
-    steps = loom.value(n)
+def _delay(builder: GraphBuilder, x: Later, n: int, init: int) -> int:
+    steps = builder.value(n)
     if steps is None or not steps >= 1 or not steps.is_integer():
         given = "an expression that changes" if steps is None else f"{steps:g}"
         raise UnusableError("n", f"the steps of a delay must be a constant whole number from 1 on, not {given}")
-    return loom.remember(init, lambda read: x(), int(steps))
+    return builder.remember(init, lambda read: x(), int(steps))
 
 
-def _integrator(loom: Loom, x: Later, init: int, lower: Later, upper: Later) -> int:
+def _integrator(builder: GraphBuilder, x: Later, init: int, lower: Later, upper: Later) -> int:
     def then(read: int) -> int:
-        moved = loom.call("add", read, loom.call("mul", loom.input("dt"), x()))
+        moved = builder.call("add", read, builder.call("mul", builder.input("dt"), x()))
         low, high = lower(), upper()
-        if loom.value(low) != -math.inf:
-            moved = loom.call("max", moved, low)
-        return moved if loom.value(high) == math.inf else loom.call("min", moved, high)
+        if builder.value(low) != -math.inf:
+            moved = builder.call("max", moved, low)
+        return moved if builder.value(high) == math.inf else builder.call("min", moved, high)
 
-    return loom.remember(init, then)
-
-
-def _derivative(loom: Loom, x: int) -> int:
-    before = loom.remember(x, lambda read: x)
-    return loom.call("div", loom.call("sub", x, before), loom.input("dt"))
+    return builder.remember(init, then)
 
 
-def _pt1(loom: Loom, x: int, T: int, init: int) -> int:
-    before = loom.state()
-    moved = loom.call("mul", _pt1_share(loom, T), loom.call("sub", x, before))
-    y = loom.call("add", before, moved)
-    loom.close(before, init, y)
+def _derivative(builder: GraphBuilder, x: int) -> int:
+    before = builder.remember(x, lambda read: x)
+    return builder.call("div", builder.call("sub", x, before), builder.input("dt"))
+
+
+def _pt1(builder: GraphBuilder, x: int, T: int, init: int) -> int:
+    before = builder.state()
+    moved = builder.call("mul", _pt1_share(builder, T), builder.call("sub", x, before))
+    y = builder.call("add", before, moved)
+    builder.close(before, init, y)
     return y
 
 
-def _pt1_share(loom: Loom, T: int) -> int:
+def _pt1_share(builder: GraphBuilder, T: int) -> int:
     """dt/(T + dt): which part of the way to its input a PT1 goes in one step; NaN for T < 0."""
-    dt, invalid = loom.input("dt"), loom.const(math.nan)
-    share = loom.call("div", dt, loom.call("add", T, dt))
-    constant = loom.value(T)
+    dt, invalid = builder.input("dt"), builder.const(math.nan)
+    share = builder.call("div", dt, builder.call("add", T, dt))
+    constant = builder.value(T)
     if constant is None:
-        return loom.call("select", loom.call("lt", T, loom.const(0.0)), invalid, share)
+        return builder.call("select", builder.call("lt", T, builder.const(0.0)), invalid, share)
     return invalid if constant < 0 else share
 
 
-def _lowpass(loom: Loom, x: int, f: int) -> int:
-    T = loom.call("div", loom.const(1.0), loom.call("mul", loom.const(2 * math.pi), f))
-    return _pt1(loom, x, T, x)
+def _lowpass(builder: GraphBuilder, x: int, f: int) -> int:
+    T = builder.call("div", builder.const(1.0), builder.call("mul", builder.const(2 * math.pi), f))
+    return _pt1(builder, x, T, x)
 
 
-def _ratelimit(loom: Loom, x: int, up: int, down: int) -> int:
-    before, dt = loom.state(), loom.input("dt")
-    lowest, highest = loom.call("mul", down, dt), loom.call("mul", up, dt)
-    y = loom.call("add", before, _clip(loom, loom.call("sub", x, before), lowest, highest))
-    loom.close(before, x, y)
+def _ratelimit(builder: GraphBuilder, x: int, up: int, down: int) -> int:
+    before, dt = builder.state(), builder.input("dt")
+    lowest, highest = builder.call("mul", down, dt), builder.call("mul", up, dt)
+    y = builder.call("add", before, _clip(builder, builder.call("sub", x, before), lowest, highest))
+    builder.close(before, x, y)
     return y
 
 
-def _hysteresis(loom: Loom, x: int, on: int, off: int) -> int:
-    before, zero = loom.state(), loom.const(0.0)
-    kept = loom.call("select", loom.call("le", x, off), zero, before)
-    y = loom.call("select", loom.call("ge", x, on), loom.const(1.0), kept)
-    loom.close(before, zero, y)
+def _hysteresis(builder: GraphBuilder, x: int, on: int, off: int) -> int:
+    before, zero = builder.state(), builder.const(0.0)
+    kept = builder.call("select", builder.call("le", x, off), zero, before)
+    y = builder.call("select", builder.call("ge", x, on), builder.const(1.0), kept)
+    builder.close(before, zero, y)
     return y
 
-
-_UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh floor ceil round sign"
 
 _TABLE = (
     *(_function(f"{op}(x)", partial(_operation, op=op)) for op in _UNARY.split()),
@@ -242,3 +200,56 @@ _TABLE = (
 
 FUNCTIONS: Final = {function.name: function for function in _TABLE}
 FUNCTIONS["timeDelay"] = FUNCTIONS["prev"]
+
+
+def functions_of(surrogates: Iterable[Surrogate]) -> Mapping[str, BuiltinFunction]:
+    """The functions that call these surrogates, by name.
+
+    A dynamic one has the arguments of its inputs and `init`, its output before the first sample. An input at which it
+    looks only back in time may depend on its output of now: that is how a loop is closed.
+    """
+    return {s.name: _dynamic(s) if isinstance(s, DynamicSurrogate) else _static(s) for s in surrogates}
+
+
+def _static(surrogate: Surrogate) -> BuiltinFunction:
+    def rule(builder: GraphBuilder, *inputs: int) -> int:
+        return builder.lookup(surrogate.name, *inputs)
+
+    return _surrogate_function(
+        surrogate.name, [Argument(name, "", False) for name in surrogate.inputs], rule, memory=False
+    )
+
+
+def _dynamic(surrogate: DynamicSurrogate) -> BuiltinFunction:
+    arguments = [Argument(name, "", 0 not in lags) for name, lags in zip(surrogate.inputs, surrogate.lags, strict=True)]
+    arguments.append(Argument("init", repr(surrogate.start), False))
+    return _surrogate_function(surrogate.name, arguments, partial(_recursion, surrogate), memory=True)
+
+
+def _surrogate_function(
+    name: str, arguments: list[Argument], rule: Callable[..., int], *, memory: bool
+) -> BuiltinFunction:
+    shown = [argument.name + f"={argument.default}" * bool(argument.default) for argument in arguments]
+    return BuiltinFunction(name, f"{name}({', '.join(shown)})", tuple(arguments), rule, memory)
+
+
+def _recursion(surrogate: DynamicSurrogate, builder: GraphBuilder, *given: Any) -> int:
+    *inputs, init = given
+    made: list[int] = []
+    point = [builder.remember(init, lambda read: made[0], lag) for lag in surrogate.output_lags]
+    for x, lags, start in zip(inputs, surrogate.lags, surrogate.start_inputs, strict=True):
+        point += [_at_lag(builder, x, lag, start) for lag in lags]
+    y = builder.lookup(surrogate.name, *point)
+    lower, upper = (builder.const(limit) for limit in surrogate.limits)
+    made.append(builder.call("min", builder.call("max", y, lower), upper) if _limited(surrogate) else y)
+    return made[0]
+
+
+def _limited(surrogate: DynamicSurrogate) -> bool:
+    return surrogate.limits != (-float("inf"), float("inf"))
+
+
+def _at_lag(builder: GraphBuilder, x: int | Later, lag: int, start: float) -> int:
+    if callable(x):
+        return builder.remember_input(x, start, lag)
+    return builder.prev(x, x, lag) if lag else x

@@ -8,15 +8,14 @@ Precedence, from loose to tight:
 from collections.abc import Sequence
 from typing import Any, Final
 
-from kennfeld.models.formula.lexer import DECLARATIONS, FOREIGN, RESERVED, statements, tokens
-from kennfeld.models.formula.source import Source
+from kennfeld.models.formula.lexer import DECLARATIONS, FOREIGN, RESERVED, Source, statements, tokens
 from kennfeld.models.formula.syntax import (
     Call,
     Chain,
     Declaration,
     Definition,
     Expr,
-    Function,
+    FunctionDefinition,
     Name,
     Number,
     Prefix,
@@ -136,7 +135,7 @@ class _Parser:
             return None
         return Step(word, float(number.text))
 
-    def _function(self) -> Function | None:
+    def _function(self) -> FunctionDefinition | None:
         name = None
         arguments: list[Token] = []
         try:
@@ -150,8 +149,8 @@ class _Parser:
             self._expect("=", "Write def f(a, b) = expression.")
         except _Wrong as wrong:
             self.source.report(*wrong.finding)
-            return Function(name, tuple(arguments), None) if name else None
-        return Function(name, tuple(arguments), self.whole())
+            return FunctionDefinition(name, tuple(arguments), None) if name else None
+        return FunctionDefinition(name, tuple(arguments), self.whole())
 
     def _name(self, what: str) -> Token:
         token = self._next()

@@ -1,4 +1,7 @@
-"""Graph to formula text that reads back to the same graph."""
+"""Graph to formula text that reads back to the same graph.
+
+Graphs in the form that formula text can say: no two memories that always hold the same.
+"""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -6,13 +9,12 @@ from itertools import count
 from typing import Final, NamedTuple
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph import CLOCK, Graph
+from kennfeld.graph import CLOCK, Graph, GraphBuilder, State
 from kennfeld.models.formula.functions import FUNCTIONS, OPERATORS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain
 from kennfeld.models.formula.parser import LEVELS
-from kennfeld.models.formula.states import merged
 
-__all__ = ["to_text"]
+__all__ = ["merged", "to_text"]
 
 _INFIX: Final = {op: text for text, op in OPERATORS.items()}
 _CALLS: Final = {"select": "if"}
@@ -20,6 +22,38 @@ _TABLES: Final = ("scalar", "curve", "map", "cube", "cube")
 _NEGATION, _COMPARISON, _POWER, _ATOM = LEVELS["*"] + 1, LEVELS["<"], LEVELS["^"], LEVELS["^"] + 1
 # deeper expressions get names for their inner parts; the parser allows 100
 _DEEPEST = 40
+
+
+def merged(graph: Graph) -> Graph:
+    """The same graph with memories of equal initial and next nodes made one.
+
+    >>> b = GraphBuilder()
+    >>> u, zero = b.input("u"), b.const(0.0)
+    >>> twins = [b.state(), b.state()]
+    >>> for twin in twins:
+    ...     b.close(twin, zero, u)
+    >>> len(merged(b.finish({"y": b.call("add", *twins)})).states)
+    1
+    """
+    while len(set(graph.states)) < len(graph.states):  # merging may make further memories equal
+        first: dict[State, int] = {}
+        kept = [first.setdefault(state, index) for index, state in enumerate(graph.states)]
+        graph = _with_states(graph, kept)
+    return graph
+
+
+def _with_states(graph: Graph, kept: Sequence[int]) -> Graph:
+    """The graph that reads memory `kept[i]` where it read memory i."""
+    builder = GraphBuilder()
+    reads = {which: builder.state(graph.states[which].latency) for which in dict.fromkeys(kept)}
+    number: list[int] = []
+    for op, args, payload in graph.nodes:
+        copied = reads[kept[payload]] if op == "state" else builder.node(op, tuple(number[a] for a in args), payload)
+        number.append(copied)
+    for which, read in reads.items():
+        builder.close(read, number[graph.states[which].init], number[graph.states[which].next])
+    names = {name: number[at] for name, at in graph.names.items()}
+    return builder.finish(names, graph.units, graph.outputs)
 
 
 def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None) -> str:

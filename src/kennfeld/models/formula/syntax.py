@@ -12,7 +12,7 @@ __all__ = [
     "Declaration",
     "Definition",
     "Expr",
-    "Function",
+    "FunctionDefinition",
     "Name",
     "Number",
     "Prefix",
@@ -114,7 +114,7 @@ class Declaration(NamedTuple):
     unit: str
 
 
-class Function(NamedTuple):
+class FunctionDefinition(NamedTuple):
     """`def at(arguments) = value`."""
 
     at: Token
@@ -129,4 +129,4 @@ class Step(NamedTuple):
     seconds: float
 
 
-Statement: TypeAlias = Definition | Declaration | Function | Step
+Statement: TypeAlias = Definition | Declaration | FunctionDefinition | Step

@@ -1,16 +1,59 @@
-"""From a Simulink file to a model."""
+"""From a Simulink file to a model.
 
-from collections.abc import Collection, Iterable, Mapping
+Fields of blocks that somebody names, "Torque/Gain1:Gain": whether there are such blocks and fields.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import nearest
 from kennfeld.models.model import Model
-from kennfeld.models.simulink.opening import Opened
-from kennfeld.models.simulink.promoting import misnamed
-from kennfeld.models.simulink.variables.variables import Given
-from kennfeld.models.simulink.work import Imported, Work
+from kennfeld.models.simulink.flattening.flat_model import Flat
+from kennfeld.models.simulink.loaded_model import Opened
+from kennfeld.models.simulink.lowering.registry import KINDS
+from kennfeld.models.simulink.model_import import Imported, Work
+from kennfeld.models.simulink.reader.model_tree import Block, System
+from kennfeld.models.simulink.variables.model_variables import Given
 
-__all__ = ["Imported", "import_simulink", "simulink"]
+__all__ = ["import_simulink", "simulink"]
+
+_SHOWN = 8
+_OF_THE_DRAWING = {"Position", "ZOrder", "Ports", "SID", "Name", "FontSize", "ShowName", "BackgroundColor"}
+
+
+def misnamed(path: Path, names: Collection[str], system: System, flat: Flat, prefix: str) -> list[Finding]:
+    """A finding for each field that no block has; `prefix` is the path of the imported system."""
+    return list(_misnamed(path, names, _blocks(system, flat, prefix))) if names else []
+
+
+def _misnamed(path: Path, names: Collection[str], blocks: Mapping[str, Block]) -> Iterator[Finding]:
+    for name in names:
+        way, _, field = name.rpartition(":")
+        block = blocks.get(way)
+        if block is None:
+            having = [path for path, one in blocks.items() if field in _fields(one)] or list(blocks)
+            mend = nearest(way, having) or f"Blocks that have one: {', '.join(having[:_SHOWN])}."
+            yield Finding(path.name, f"there is no block {way}, whose {field} is named a parameter", mend)
+        elif block.chart is None and field not in (fields := _fields(block)):
+            mend = nearest(field, fields) or f"Its fields are {', '.join(list(fields)[:_SHOWN])}."
+            yield Finding(f"{path.name} {way}", f"{block.type} has no field {field}", mend)
+
+
+def _blocks(system: System, flat: Flat, prefix: str) -> dict[str, Block]:
+    """The blocks by their paths from where the import begins."""
+    start = len(prefix) + 1 if prefix else 0
+    found = {block.path[start:]: block for block in system.every()}
+    return found | {atom.path: atom.block for atom in flat.atoms if not (atom.hidden or atom.made)}
+
+
+def _fields(block: Block) -> dict[str, str]:
+    """The fields of a block with what is written in them, those of its mask first."""
+    masked = {one.name: one.expression for one in block.mask.parameters} if block.mask is not None else {}
+    linked = dict(block.reference.parameters) if block.reference is not None else {}
+    usual = dict(KINDS[block.type].defaults) if block.type in KINDS else {}
+    found = {**masked, **linked, **usual, **block.defaults, **block.parameters}
+    return {name: text for name, text in found.items() if name not in _OF_THE_DRAWING}
 
 
 def simulink(

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.models.simulink.files.document import read_document
-from kennfeld.models.simulink.files.libraries import Libraries, Resolved, is_of_simulink
-from kennfeld.models.simulink.files.ports import port_number
-from kennfeld.models.simulink.files.tree import Block, Document, Solver, System
-from kennfeld.models.simulink.variables.dictionary import read_dictionary
-from kennfeld.models.simulink.variables.workspace import workspace_variables
+from kennfeld.models.simulink.reader.block_ports import port_number
+from kennfeld.models.simulink.reader.document import read_document
+from kennfeld.models.simulink.reader.library_links import Libraries, Resolved, is_of_simulink
+from kennfeld.models.simulink.reader.model_tree import Block, Document, Solver, System
+from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+from kennfeld.models.simulink.variables.stored_variables import workspace_variables
 
 __all__ = ["Connection", "DataSource", "Outline", "Subsystem", "outline"]
 

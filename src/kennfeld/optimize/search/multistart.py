@@ -9,20 +9,18 @@ import numpy as np
 
 from kennfeld.arrays import Float, silent
 from kennfeld.errors import Finding, InputError
-from kennfeld.graph.free_axes import labelled
-from kennfeld.optimize import calibration
-from kennfeld.optimize.calibration import Progress, Run
-from kennfeld.optimize.limits.limits import Limits
-from kennfeld.optimize.limits.projection import project
+from kennfeld.free_axes import labelled
+from kennfeld.optimize import fit
+from kennfeld.optimize.fit import Run
 from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
-from kennfeld.optimize.search.saved import Keep, Saved
-from kennfeld.optimize.search.sequence import STOPPED, Begin, Climb, Climber, holding, not_begun
+from kennfeld.optimize.problem import Problem, bounded
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.result import Keep, Progress, Result, Saved, Seconds, StartResult, TraceLine
+from kennfeld.optimize.search.start_runner import STOPPED, Begin, Climb, Climber, holding, not_begun
 from kennfeld.optimize.search.starts import distance, drawn_start
-from kennfeld.optimize.search.step import unusable, whole
-from kennfeld.optimize.solver.gauss_newton import Descent, Status
-from kennfeld.optimize.time_constants import bounded
+from kennfeld.optimize.search.step_problem import unusable, whole
+from kennfeld.optimize.solver.levenberg_marquardt import Descent, Status
+from kennfeld.optimize.solver.linear_constraints import Limits
 from kennfeld.threads import blas_threads
 
 __all__ = ["run"]
@@ -59,7 +57,7 @@ def _run(
 ) -> Result:
     problem = bounded(problem)
     if problem.unknown_shifts or problem.automatic_names:
-        from kennfeld.optimize.choice.deciding import decided  # only here: many runs have nothing to decide
+        from kennfeld.optimize.tuning.automatic_settings import decided  # only here: many runs have nothing to decide
 
         return decided(
             problem,
@@ -69,7 +67,7 @@ def _run(
             lambda ready: run(ready, options, progress, seconds, keep=keep, resumed=resumed),
         )
     if options.starts == 1 and not (options.steps or options.save_every or resumed):
-        result = calibration.run(problem, options, progress, seconds)
+        result = fit.run(problem, options, progress, seconds)
         return replace(result, starts=(_row(result),))
     findings = unusable(problem, options.steps)
     if findings:
@@ -128,7 +126,7 @@ class _Multistart:
         climber = Climber(self.problem, self.options, ready)
         begins = list(self._begins(climber, self._off_saddle(ready, start, limits)))
         if self.workers > 1 and len(begins) > 1:
-            from kennfeld.optimize.search.workers import climb_in_parallel
+            from kennfeld.optimize.search.worker_pool import climb_in_parallel
 
             work = (self.problem, self.options, begins, self.workers)
             self.climbs |= {c.row.start: c for c in climb_in_parallel(*work, self._report, self._save)}

@@ -19,13 +19,13 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.criteria import Criterion
 from kennfeld.native import Samples
-from kennfeld.native.rows import Rows
-from kennfeld.optimize.criterion import Criterion
-from kennfeld.optimize.data.binding import Bound
-from kennfeld.optimize.data.weighting import Weighting
-from kennfeld.optimize.problem import Compiled
+from kennfeld.native.column_table import Rows
+from kennfeld.optimize.compiled import Compiled
 from kennfeld.optimize.trust.persistence import persistence
+from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.sample_weights import Weighting
 
 __all__ = ["Group", "groups", "rescored", "variances"]
 

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.optimize.limits.constraints import Pin
-from kennfeld.optimize.trust.estimate import Estimate
-from kennfeld.optimize.trust.words import Describer, listed
-from kennfeld.parameters import Parameter, ParameterSet
+from kennfeld.constraints import Pin
+from kennfeld.optimize.trust.covariance import Estimate
+from kennfeld.optimize.trust.direction_text import Describer, listed
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
 __all__ = ["NullSpace", "Remedy", "null_space"]
 

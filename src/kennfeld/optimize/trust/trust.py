@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.errors import ArgumentError, nearest
-from kennfeld.optimize.trust.estimate import Estimate
-from kennfeld.optimize.trust.holding import Holding
+from kennfeld.errors import ArgumentError
+from kennfeld.formatting import nearest
+from kennfeld.optimize.trust.active_limits import Holding
+from kennfeld.optimize.trust.covariance import Estimate
+from kennfeld.optimize.trust.direction_text import Direction
 from kennfeld.optimize.trust.null_space import NullSpace
-from kennfeld.optimize.trust.words import Direction
 from kennfeld.threads import blas_threads
 
 __all__ = ["Trust"]

@@ -4,9 +4,10 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, Use
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet
-from kennfeld.project.demo import diesel
-from kennfeld.project.demo.drive import STEP, drive
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map
+from kennfeld.project.demo import diesel_drive
+from kennfeld.project.demo.diesel_drive import STEP, drive
 
 __all__ = ["BOUNDS", "FILES", "FORMULA", "NOISE", "SMOOTHNESS", "UNIT", "another", "start", "training"]
 
@@ -43,10 +44,10 @@ def another(seed: int = 1) -> Dataset:
 def _recorded(name: str, samples: int, seed: int, use: Use) -> Dataset:
     """What the control unit sees of a drive: channels as coarse as its bus, and a thermometer with noise."""
     time, speed, fuel = drive(samples, seed)
-    settled = diesel.stroke_air(speed, fuel)
-    air = _lagged(settled, diesel.turbo_lag(speed))
-    flow = diesel.air_flow(speed, air)
-    temperature = _lagged(diesel.settled_temperature(speed, fuel), diesel.lag(flow))
+    settled = diesel_drive.stroke_air(speed, fuel)
+    air = _lagged(settled, diesel_drive.turbo_lag(speed))
+    flow = diesel_drive.air_flow(speed, air)
+    temperature = _lagged(diesel_drive.settled_temperature(speed, fuel), diesel_drive.lag(flow))
     noise = np.random.default_rng(seed + 1_000_000).normal(0.0, NOISE, samples)
     channels = (
         Channel("Speed", speed.round(1), "rpm"),

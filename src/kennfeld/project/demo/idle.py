@@ -8,8 +8,9 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.dataset import Channel, Dataset, Use
-from kennfeld.parameters import ParameterSet, Scalar
-from kennfeld.project.demo.idle_engine import random_steps, simulate_engine
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
+from kennfeld.project.demo.petrol_engine import random_steps, simulate_engine
 
 __all__ = ["FILES", "FORMULA", "PROJECTS", "closing", "prepare", "recording", "set_values", "start"]
 
@@ -100,7 +101,7 @@ def prepare(folder: Path, report: Callable[[str], None]) -> None:
     target = folder / "engine.json"
     if target.exists():
         return
-    from kennfeld.project.training import read_training
+    from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate import write_surrogate
 
     report("An engine model from recordings (kennfeld surrogate train engine.toml):")

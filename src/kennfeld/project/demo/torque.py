@@ -10,8 +10,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, Use
-from kennfeld.parameters import Axis, Curve, Map, ParameterSet
-from kennfeld.project.demo.engine import drag, torque
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Curve, Map
+from kennfeld.project.demo.petrol_engine import drag, torque
 
 __all__ = [
     "BOUNDS",

@@ -5,11 +5,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import InputError, nearest
-from kennfeld.parameters import ParameterSet
-from kennfeld.whole_files import write_whole
+from kennfeld.errors import InputError
+from kennfeld.formatting import nearest
+from kennfeld.parameter_set import ParameterSet
 
 __all__ = ["NAMES", "closing", "prepare", "projects", "write"]
 

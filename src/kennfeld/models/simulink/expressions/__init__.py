@@ -1,1 +1,1 @@
-"""MATLAB expressions over arrays of graph nodes."""
+"""Expressions in block fields."""

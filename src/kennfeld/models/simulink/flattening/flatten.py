@@ -2,27 +2,33 @@
 
 Inports, outports, Goto and From blocks and plain subsystems are but wires. A conditional subsystem leaves two things
 behind: a block `Control` that says when it runs, and a block `Held` for each of its outputs.
+
+A chart or MATLAB Function by itself: a system of that block between ports of its own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
-from kennfeld.models.simulink.expressions.no_value import NoValueError
-from kennfeld.models.simulink.files.bus_ports import element_of, elements
-from kennfeld.models.simulink.files.comments import in_use
-from kennfeld.models.simulink.files.libraries import is_of_simulink
-from kennfeld.models.simulink.files.ports import port_number
-from kennfeld.models.simulink.files.tree import Block, Endpoint, System, joined, split
-from kennfeld.models.simulink.flattening.atoms import Flat
-from kennfeld.models.simulink.flattening.connecting import Connecting
-from kennfeld.models.simulink.flattening.iteration import iterator_of, planned
-from kennfeld.models.simulink.flattening.levels import SPECIAL, Level, tag_of
-from kennfeld.models.simulink.flattening.placed import Placed
-from kennfeld.models.simulink.flattening.repetition import Repetition
-from kennfeld.models.simulink.flattening.variants import active, is_variant, labels_of, member, said, with_choice
-from kennfeld.models.simulink.variables.scopes import Scope
+from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.simulink.flattening.active_blocks import (
+    active,
+    in_use,
+    is_variant,
+    labels_of,
+    member,
+    said,
+    with_choice,
+)
+from kennfeld.models.simulink.flattening.connections import Connecting
+from kennfeld.models.simulink.flattening.flat_model import Flat
+from kennfeld.models.simulink.flattening.hierarchy import SPECIAL, Level, Placed, tag_of
+from kennfeld.models.simulink.flattening.iterated_subsystems import Repetition, iterator_of, planned
+from kennfeld.models.simulink.reader.block_ports import element_of, elements, port_number
+from kennfeld.models.simulink.reader.library_links import is_of_simulink
+from kennfeld.models.simulink.reader.model_tree import Block, Endpoint, Line, System, joined, split
+from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["flatten"]
+__all__ = ["flatten", "single"]
 
 _NESTED = ("SubSystem", "ModelReference")
 
@@ -203,3 +209,38 @@ def _kind(block: Block, known: Mapping[str, bool]) -> str:
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type
     return block.type
+
+
+def single(block: Block, inside: System) -> System:
+    """The system of a block whose content is no system of blocks, with ports as those that stand in it.
+
+    Each event from outside is an input of its own.
+    """
+    made: list[tuple[Block, Line | None]] = [*_ports(block, inside, "Inport"), *_ports(block, inside, "Outport")]
+    if any(True for _ in inside.of("TriggerPort")):
+        made += _events(block, len([port for port, _ in made if port.type == "Inport"]))
+    return System((block, *(port for port, _ in made)), tuple(line for _, line in made if line is not None))
+
+
+def _ports(block: Block, inside: System, kind: str) -> Iterator[tuple[Block, Line]]:
+    for port in inside.of(kind):
+        number = port_number(port)
+        made = _port(kind, port.name.removesuffix("()"), number)
+        if kind == "Inport":
+            yield made, Line(Endpoint(made.sid, "out"), (Endpoint(block.sid, "in", number),))
+        else:
+            yield made, Line(Endpoint(block.sid, "out", number), (Endpoint(made.sid, "in"),))
+
+
+def _port(kind: str, name: str, number: int) -> Block:
+    return Block(kind, name, f"{kind} {number}", name, {"Port": str(number)})
+
+
+def _events(block: Block, before: int) -> Iterator[tuple[Block, Line | None]]:
+    """An input for each event, joined to the vector that triggers the chart."""
+    events = [one.name for one in block.chart.events if one.scope == "INPUT_EVENT"] if block.chart is not None else []
+    joint = Block("Mux", "events", "Mux", "events", {"Inputs": str(len(events))})
+    yield joint, Line(Endpoint(joint.sid, "out"), (Endpoint(block.sid, "trigger"),))
+    for at, name in enumerate(events, 1):
+        made = _port("Inport", name, before + at)
+        yield made, Line(Endpoint(made.sid, "out"), (Endpoint(joint.sid, "in", at),))

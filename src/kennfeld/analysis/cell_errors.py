@@ -1,0 +1,93 @@
+"""Errors by the cell of a table in which a sample lies, and how many samples touch each grid point."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.analysis.evaluation import Series
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.dataset import Use
+from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
+from kennfeld.parameter_set import ParameterSet
+
+__all__ = ["Cells", "tally"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The errors of one criterion in each cell of a table, between its breakpoints; NaN where no sample lies.
+
+    A sample beyond an axis counts in the cell at its end; one that looks a table up twice counts twice.
+    """
+
+    parameter: str
+    criterion: int
+    use: Use
+    samples: Int  # Int[cells along x, ...]
+    mean: Float  # Float[cells along x, ...]
+    rmse: Float  # Float[cells along x, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """The errors by the cells of every table, and how many training samples give each grid point a weight.
+
+    Without states only scored samples count as touching a grid point; with states every one may matter to a later one.
+    """
+
+    cells: tuple[Cells, ...]
+    touching: Mapping[str, Int]  # Int of the table's shape
+
+
+def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Series]) -> Tally:
+    """Go through all lookups once: errors of every criterion by cell, training and test apart, and samples touching."""
+    sums: dict[tuple[str, int, Use], Float] = {}
+    touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
+    for (_, use), same in _by_dataset(series).items():
+        bound = same[0].bound
+        counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in same])
+        fits = use == "training" and bound.dataset.weight > 0
+        for lookup in lookups.blocks(bound):
+            name = lookup.table.name
+            if fits:
+                _touch(touching[name], lookup, counts[lookup.samples])
+            for one in same:
+                if one.criterion in lookups.reached[name]:
+                    cells = int(np.prod(cell_shape(lookup.table)))
+                    _sum(sums.setdefault((name, one.criterion, use), np.zeros((3, cells))), lookup, one)
+    return Tally(
+        tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in sums.items()),
+        {name: total.reshape(parameters[name].values.shape) for name, total in touching.items()},
+    )
+
+
+def _touch(total: Int, lookup: Lookup, counts: Bool) -> None:
+    counts = counts & lookup.known
+    for at, weight in lookup.corners():
+        total += np.bincount(at[counts & (weight != 0)], minlength=total.size)
+
+
+def _sum(total: Float, lookup: Lookup, series: Series) -> None:
+    """Add number, sum and sum of squares of the errors to each cell."""
+    errors = series.model[lookup.samples] - series.measured[lookup.samples]
+    counts = lookup.known & np.isfinite(errors)
+    cell, errors = lookup.cell[counts], errors[counts]
+    total[0] += np.bincount(cell, minlength=total.shape[1])
+    total[1] += np.bincount(cell, errors, minlength=total.shape[1])
+    with np.errstate(over="ignore"):  # a function that explodes
+        total[2] += np.bincount(cell, errors * errors, minlength=total.shape[1])
+
+
+def _by_dataset(series: Sequence[Series]) -> Mapping[tuple[str, Use], list[Series]]:
+    grouped: dict[tuple[str, Use], list[Series]] = {}
+    for one in series:
+        grouped.setdefault((one.bound.dataset.name, one.bound.dataset.use), []).append(one)
+    return grouped
+
+
+def _cells(name: str, criterion: int, use: Use, shape: tuple[int, ...], total: Float) -> Cells:
+    count, first, second = total.reshape(3, *shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean, square = first / count, second / count
+    return Cells(name, criterion, use, count.astype(np.int64), mean, np.sqrt(square))

@@ -1,0 +1,114 @@
+"""A problem computed over its data: each criterion on each dataset, model beside measurement."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.criteria import Criterion
+from kennfeld.graph.traversal import extended
+from kennfeld.optimize import Problem
+from kennfeld.optimize.problem import difference
+from kennfeld.optimize.quality import Nodes
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.binding import Bound
+
+__all__ = ["Evaluator", "Series"]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One criterion over the kept samples of one dataset; `measured` is NaN where a sample is not scored."""
+
+    criterion: int
+    bound: Bound
+    unit: str
+    model: Float  # Float[samples]
+    measured: Float  # Float[samples]
+
+    @property
+    def error(self) -> Float:
+        """Model minus measurement, NaN where not scored."""
+        return self.model - self.measured
+
+    @property
+    def scored(self) -> Bool:
+        """The samples that count."""
+        return np.isfinite(self.measured)
+
+    @property
+    def time(self) -> Float | None:
+        """In s, of the kept samples; None for steady-state points."""
+        time, picked = self.bound.dataset.time, self.bound.picked
+        return time if time is None or picked is None else time[picked]
+
+    @property
+    def piece(self) -> Int:
+        """The piece each kept sample belongs to, counted from 0."""
+        begins = np.zeros(self.bound.count, dtype=np.int64)
+        begins[self.bound.starts] = 1
+        return np.cumsum(begins) - 1
+
+
+class Evaluator:
+    """Computes the criteria of a problem; compiled once for all parameter sets over the same axes.
+
+    `extra` names further nodes of the problem's graph, by number; `values` holds them after each call of `series`, for
+    each dataset an array of shape (extra, samples).
+    """
+
+    def __init__(self, problem: Problem, extra: Mapping[int, str] | None = None) -> None:
+        self._problem, self._extra, self.values = problem, dict(extra or {}), list[Float]()
+        self._graph = extended(problem.graph, self._extra)
+        self.bounds = [problem.bind(dataset) for dataset in problem.datasets]
+        self._against_node = [problem.target_node(criterion) is not None for criterion in problem.criteria]
+        self._names = [difference(i) for i in range(len(problem.criteria))]
+        self._names += [c.node for c, node in zip(problem.criteria, self._against_node, strict=True) if node]
+        self._names += self._extra.values()
+        self._nodes: tuple[ParameterSet, Nodes] | None = None
+
+    def series(self, parameters: ParameterSet) -> tuple[Series, ...]:
+        """Every criterion on every dataset that scores it, dataset by dataset."""
+        nodes = self._compiled(parameters)
+        self.values = []
+        return tuple(series for bound in self.bounds for series in self._of(bound, nodes, parameters))
+
+    def _compiled(self, parameters: ParameterSet) -> Nodes:
+        if self._nodes is None or not same_axes(self._nodes[0], parameters):
+            self._nodes = parameters, Nodes(self._graph, parameters, self._names)
+        return self._nodes[1]
+
+    def _of(self, bound: Bound, nodes: Nodes, parameters: ParameterSet) -> Sequence[Series]:
+        values = nodes.values(bound, parameters)
+        count = len(self._problem.criteria)
+        own = iter(values[count:])
+        self.values.append(values[len(self._names) - len(self._extra) :])
+        made = []
+        for i, criterion in enumerate(self._problem.criteria):
+            target = self._problem.target(criterion, bound)
+            model = next(own) if self._against_node[i] else values[i]
+            # where the target is a node the difference is what is scored, and the target is what it leaves
+            measured = model - (values[i] - target) if self._against_node[i] else target
+            if np.isfinite(target).any():
+                made.append(Series(i, bound, self._unit(criterion, bound), model, measured))
+        return made
+
+    def _unit(self, criterion: Criterion, bound: Bound) -> str:
+        own = self._problem.model.graph.units.get(criterion.node, "")
+        channel = criterion.target.name
+        recorded = bound.dataset[channel].unit if channel in bound.dataset else ""
+        return recorded or own
+
+
+def same_axes(one: ParameterSet, other: ParameterSet) -> bool:
+    """Whether two sets hold the same tables over the same breakpoints."""
+    if list(one) != list(other):
+        return False
+    pairs = [(one[name], other[name]) for name in one]
+    return all(
+        a.values.shape == b.values.shape
+        and a.extrapolation == b.extrapolation
+        and all(np.array_equal(x.breakpoints, y.breakpoints) for x, y in zip(a.axes, b.axes, strict=True))
+        for a, b in pairs
+    )

@@ -1,0 +1,246 @@
+"""Where a function uses its data-driven models outside the data that these were trained on."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.dataset import Use
+from kennfeld.graph.traversal import extended
+from kennfeld.optimize import Problem
+from kennfeld.optimize.quality import Nodes
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.binding import Bound
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate import Surrogate, Validity
+
+__all__ = ["Leaving", "leaving"]
+
+BLOCK = 65536  # samples at once, so that memory does not grow with the data
+
+
+@dataclass(frozen=True)
+class Farthest:
+    """The sample at which a surrogate is farthest outside, counted from 1 like `piece`; `time` is in s.
+
+    `input` is the one that is farthest beyond an end of the training data, in
+    units of the lengths of the validity range, its `value` and that `end`. Where none is beyond its ends, the inputs
+    are where they were, but never together: `input` is empty then.
+    """
+
+    sample: int
+    piece: int
+    time: float | None
+    input: str = ""
+    value: float = np.nan
+    end: float = np.nan
+
+    @property
+    def sentence(self) -> str:
+        """Why it is outside: `throttle is 15.2, above 15`."""
+        if not self.input:
+            return "no input is beyond its range, but all together are far from the training data"
+        if not np.isfinite(self.value):
+            return f"{self.input} is no finite number"
+        value, end = _apart(self.value, self.end)
+        return f"{self.input} is {value}, {'above' if self.value > self.end else 'below'} {end}"
+
+
+@dataclass(frozen=True)
+class Leaving:
+    """How often a surrogate is looked up outside its validity over the samples of a dataset.
+
+    `outside` is None where it does not say for which data it holds, `worst` is None where it stays inside; `several`
+    says whether the dataset has more than one piece. Points that are held until the model has settled count once, as
+    they are then.
+
+    >>> worst = Farthest(616, 1, 12.3, "throttle", 15.2, 15.0)
+    >>> print(Leaving("engine", "set values", "training", 1500, 132, worst))  # doctest: +NORMALIZE_WHITESPACE
+    engine is used outside the data it was trained on at 132 of 1500 samples of set values (8.8 %),
+    worst at 12.3 s, where throttle is 15.2, above 15
+    """
+
+    name: str
+    dataset: str
+    use: Use
+    samples: int
+    outside: int | None
+    worst: Farthest | None = None
+    several: bool = False
+
+    @property
+    def share(self) -> float:
+        """Of the samples; 0 where nothing is known."""
+        return (self.outside or 0) / max(self.samples, 1)
+
+    @property
+    def place(self) -> str:
+        """Where it is worst: `12.3 s`, `0.5 s of piece 2`, `sample 17`; empty where it stays inside."""
+        if self.worst is None:
+            return ""
+        if self.worst.time is None:
+            return f"sample {self.worst.sample}"
+        return f"{self.worst.time:.6g} s" + f" of piece {self.worst.piece}" * self.several
+
+    def __str__(self) -> str:
+        if self.outside is None:
+            return f"{self.name} does not say for which data it holds"
+        if self.worst is None:
+            return f"{self.name} stays within the data it was trained on, over {self.samples} samples of {self.dataset}"
+        counted = f"at {self.outside} of {self.samples} samples of {self.dataset} ({_percent(self.share)})"
+        said = f"worst at {self.place}, where {self.worst.sentence}"
+        return f"{self.name} is used outside the data it was trained on {counted}, {said}"
+
+    def as_json(self) -> dict[str, Any]:
+        """A row of `surrogates` in `result.json`; numbers that are not finite are None."""
+        worst = None
+        if self.worst is not None:
+            worst = {name: _plain(value) for name, value in vars(self.worst).items()}
+            worst["sentence"] = self.worst.sentence
+        rest = {name: getattr(self, name) for name in ("dataset", "use", "samples", "outside")}
+        return {"name": self.name, **rest, "worst": worst}
+
+
+def leaving(problem: Problem, parameters: ParameterSet) -> tuple[Leaving, ...]:
+    """For each surrogate that the model of a problem calls and each dataset: where it is used outside its validity.
+
+    `parameters` are all that the model looks up, the expansions of its surrogates included, as in a `Result`. A sample
+    at which it is called several times counts once. Empty where the model calls none.
+    """
+    return tuple(row for surrogate in problem.model.surrogates for row in _Calls(problem, parameters, surrogate).rows())
+
+
+class _Calls:
+    """The calls of one surrogate: the points that it is looked up at, over the datasets of a problem."""
+
+    def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: "Surrogate") -> None:
+        nodes = problem.graph.nodes
+        self.problem, self.parameters, self.surrogate = problem, parameters, surrogate
+        self.calls = [n.args for n in nodes if n.op == "lookup" and n.payload == surrogate.name]
+        places = dict.fromkeys(at for args in self.calls for at in args)
+        self.inputs = {at: str(nodes[at].payload) for at in places if nodes[at].op == "input"}
+        self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
+
+    def rows(self) -> Iterator[Leaving]:
+        """A row a dataset."""
+        validity, nodes = self.surrogate.validity, None
+        if validity is not None and self.computed:
+            grown = extended(self.problem.graph, self.computed)
+            nodes = Nodes(grown, self.parameters, list(self.computed.values()))
+        for data in self.problem.datasets:
+            bound = self.problem.bind(data)
+            samples = bound.shown.count
+            if validity is None:
+                yield Leaving(self.surrogate.name, data.name, data.use, samples, None)
+                continue
+            search = _Search(validity)
+            for at, points in self._points(bound, nodes):
+                search.add(at, points)
+            worst = self._farthest(bound, search)
+            several = bound.shown.starts.size > 1
+            yield Leaving(self.surrogate.name, data.name, data.use, samples, search.outside, worst, several)
+
+    def _points(self, bound: Bound, nodes: Nodes | None) -> Iterator[tuple[Int, Sequence[Float]]]:
+        """Numbers of kept samples, and the points Float[samples, inputs] of each call there; block by block."""
+        columns = bound.columns
+        for here, values in self._blocks(bound, nodes):
+            found: Mapping[int, Float] = dict(zip(self.computed, values, strict=True))
+            found = {**found, **{at: columns[name][here] for at, name in self.inputs.items()}}
+            at = np.arange(here.start, here.stop)
+            counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
+            yield at[counted], [np.column_stack([found[a] for a in args])[counted] for args in self.calls]
+
+    def _blocks(self, bound: Bound, nodes: Nodes | None) -> Iterator[tuple[slice, Float]]:
+        if nodes is not None:
+            yield from nodes.blocks(bound, self.parameters)
+            return
+        for first in range(0, bound.count, BLOCK):
+            here = slice(first, min(first + BLOCK, bound.count))
+            yield here, np.empty((0, here.stop - here.start))
+
+    def _farthest(self, bound: Bound, search: "_Search") -> Farthest | None:
+        if not search.outside:
+            return None
+        sample, time = int(bound.kept[search.at]), bound.dataset.time
+        piece = int(np.searchsorted(bound.starts, search.at, "right")) if bound.hold is None else 1
+        stamp = None if time is None else float(time[sample])
+        validity, point = search.validity, search.point
+        beyond = _beyond(validity, point)
+        d = int(beyond.argmax())
+        if not beyond[d] > 0:
+            return Farthest(sample + 1, piece, stamp)
+        end = validity.least[d] if point[d] < validity.least[d] else validity.most[d]
+        return Farthest(sample + 1, piece, stamp, _coordinates(self.surrogate)[d], float(point[d]), float(end))
+
+
+class _Search:
+    """Counts the samples outside, and keeps the farthest: beyond an end, or else by the measure of the validity."""
+
+    def __init__(self, validity: "Validity") -> None:
+        self.validity, self.outside = validity, 0
+        self.at, self.point, self._worst = 0, np.empty(0), (0.0, 0.0)
+
+    def add(self, at: Int, calls: Sequence[Float]) -> None:
+        """More samples, by number, and the points Float[samples, inputs] of each call there."""
+        out = np.zeros(at.size, dtype=bool)
+        for points in calls:
+            measure = self.validity.distance(points)
+            beyond = measure > self.validity.threshold
+            out |= beyond
+            self._keep(at[beyond], points[beyond], measure[beyond])
+        self.outside += int(np.count_nonzero(out))
+
+    def _keep(self, at: Int, points: Float, measure: Float) -> None:
+        if not at.size:
+            return
+        excess = _beyond(self.validity, points).max(axis=-1)
+        i = int(np.lexsort((-at, measure, excess))[-1])
+        if (float(excess[i]), float(measure[i])) > self._worst:
+            self.at, self.point, self._worst = int(at[i]), points[i], (float(excess[i]), float(measure[i]))
+
+
+def _beyond(validity: "Validity", points: Float) -> Float:
+    """How far each coordinate is beyond the ends of the training data, in lengths: Float[..., inputs]."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        past = np.maximum(validity.least - points, points - validity.most) / validity.lengths
+    return np.where(np.isnan(past), np.inf, np.maximum(past, 0.0))
+
+
+def _coordinates(surrogate: "Surrogate") -> list[str]:
+    """What each coordinate of its points is: `throttle`, `n 2 samples before`."""
+    from kennfeld.surrogate import DynamicSurrogate
+
+    if not isinstance(surrogate, DynamicSurrogate):
+        return list(surrogate.inputs)
+    looked = [(surrogate.output, surrogate.output_lags), *zip(surrogate.inputs, surrogate.lags, strict=True)]
+    return [f"{name} {lag} sample{'s' * (lag > 1)} before" if lag else name for name, lags in looked for lag in lags]
+
+
+def _apart(value: float, end: float) -> tuple[str, str]:
+    """Two numbers with as few digits, from 4 on, as tell them apart.
+
+    >>> _apart(15.2, 15.0), _apart(15.00001, 15.0)
+    (('15.2', '15'), ('15.00001', '15'))
+    """
+    for digits in range(4, 17):
+        shown = f"{value:.{digits}g}", f"{end:.{digits}g}"
+        if shown[0] != shown[1]:
+            return shown
+    return repr(value), repr(end)
+
+
+def _percent(share: float) -> str:
+    """A share in percent; never all and never nothing where that is not so.
+
+    >>> _percent(0.088), _percent(1e-6), _percent(0.9999), _percent(1.0)
+    ('8.8 %', '0.0001 %', '99.9 %', '100 %')
+    """
+    value = 100 * share if share == 1 else min(100 * share, 99.9)
+    return f"{value:.{3 if value >= 99 else 2}g} %"
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,89 @@
+"""Which limits press on given values: rows that hold with equality, and how far outputs come to their limits."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.constraints import Equality, Limit, Shape
+from kennfeld.free_axes import free_axes, standing
+from kennfeld.graph.value_layout import Values
+from kennfeld.models.formula import extend
+from kennfeld.optimize import Problem
+from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.quality import Nodes
+from kennfeld.parameter_set import ParameterSet
+
+__all__ = ["OutputRange", "Pressing", "output_ranges", "pressing"]
+
+CLOSE = 1e-7  # of what is summed in a row: nearer than this is at the limit
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """A linear limit at given values: of its `rows`, those that hold with equality, in words."""
+
+    constraint: Shape | Equality
+    rows: int
+    active: tuple[str, ...]
+
+
+def pressing(problem: Problem, parameters: ParameterSet) -> tuple[Pressing, ...]:
+    """For each shape and each equality of a problem, the rows that press on the values."""
+    offsets = np.cumsum([0, *(problem.parameters[name].size for name in problem.free_names)]).tolist()
+    values = Values(dict(zip(problem.free_names, offsets, strict=False)), offsets[-1], 0, offsets[-1])
+    flat = np.concatenate([np.zeros(0), *(parameters[name].values.ravel() for name in problem.free_names)])
+    still = standing(parameters, free_axes(parameters))  # the breakpoints are those of now
+    found = []
+    for constraint in problem.constraints:
+        alone = replace(problem, parameters=still, pins=(), constraints=(constraint,), limits=())
+        rows = limits_of(alone, values).rows
+        product, size = rows.times(flat), rows.size(flat)
+        at = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))
+        found.append(Pressing(constraint, rows.count, tuple(rows.names[i] for i in at)))
+    return tuple(found)
+
+
+def _near(product: Float, side: Float, size: Float) -> Bool:
+    with np.errstate(invalid="ignore"):
+        return np.isfinite(side) & (np.abs(product - side) <= CLOSE * (size + np.abs(side)))
+
+
+@dataclass(frozen=True)
+class OutputRange:
+    """What a limited output does over the training samples where the limit counts; `beyond` of them exceed it."""
+
+    limit: Limit
+    samples: int
+    beyond: int
+    least: float
+    greatest: float
+
+
+def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRange, ...]:
+    """The range of each limited output at given values."""
+    if not problem.limits:
+        return ()
+    texts = {f"\0output {i}": limit.node for i, limit in enumerate(problem.limits)}
+    wheres = {f"\0where {i}": limit.where for i, limit in enumerate(problem.limits) if limit.where}
+    grown = replace(problem, model=extend(problem.model, texts | wheres, "limit"), limits=(), parameters=parameters)
+    nodes = Nodes(grown.model.graph, parameters, [*texts, *wheres])
+    parts: list[list[Float]] = [[] for _ in problem.limits]
+    for bound in grown.training:
+        values = dict(zip([*texts, *wheres], nodes.values(bound, parameters), strict=True))
+        for i, counted in enumerate(parts):
+            met = bound.scored & (values.get(f"\0where {i}", np.ones(bound.count)) != 0)
+            counted.append(values[f"\0output {i}"][met])
+    return tuple(_ranges(problem.limits, parts))
+
+
+def _ranges(limits: Sequence[Limit], parts: Sequence[Sequence[Float]]) -> Iterator[OutputRange]:
+    for limit, counted in zip(limits, parts, strict=True):
+        values = np.concatenate([np.zeros(0), *counted])
+        known = values[np.isfinite(values)]
+        low, high = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+        scale = 1e-6 * np.array([abs(limit.lower), abs(limit.upper)])
+        slack = np.where(np.isfinite(scale) & (scale > 0), scale, 1e-6 * max(abs(low), abs(high)) if known.size else 0)
+        within = (values >= limit.lower - slack[0]) & (values <= limit.upper + slack[1])
+        yield OutputRange(limit, values.size, int(np.count_nonzero(~within)), float(low), float(high))

@@ -1,0 +1,346 @@
+"""The numbers of one part of an object: how they lie in the memory, raw, and physical.
+
+Raw numbers: the data types of A2L, and in what order their bytes lie in the memory.
+
+Physical numbers to the nearest raw ones that can be stored, and what that costs.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.calfiles.a2l.conversion import Conversion
+from kennfeld.calfiles.format import Notes
+from kennfeld.formatting import counted
+from kennfeld.parameters import Axis
+
+__all__ = [
+    "NUMBERS",
+    "SIZES",
+    "Kept",
+    "Part",
+    "Raw",
+    "Roundings",
+    "alignment_of",
+    "decoded",
+    "encoded",
+    "native",
+    "nearest_raw",
+    "order_of",
+]
+
+Raw = NDArray[Any]  # whole numbers of 64 bits, or floats
+
+_CODES = {
+    "UBYTE": "u1",
+    "SBYTE": "i1",
+    "UWORD": "u2",
+    "SWORD": "i2",
+    "ULONG": "u4",
+    "SLONG": "i4",
+    "A_UINT64": "u8",
+    "A_INT64": "i8",
+    "FLOAT16_IEEE": "f2",
+    "FLOAT32_IEEE": "f4",
+    "FLOAT64_IEEE": "f8",
+}
+NUMBERS = tuple(_CODES)
+_SPACES = {"BYTE": 1, "WORD": 2, "LONG": 4}  # sizes of RESERVED
+SIZES = {name: int(code[1]) for name, code in _CODES.items()} | _SPACES
+BYTE_ORDERS = {
+    "MSB_LAST": "<",
+    "MSB_FIRST": ">",
+    "MSB_LAST_MSW_FIRST": "<",
+    "MSB_FIRST_MSW_LAST": ">",
+    "LITTLE_ENDIAN": "<",
+    "BIG_ENDIAN": ">",
+}
+_ALIGNED_AS = {"UBYTE": "BYTE", "SBYTE": "BYTE", "UWORD": "WORD", "SWORD": "WORD", "ULONG": "LONG", "SLONG": "LONG"}
+# where neither the layout nor the module says anything
+_BORDERS = {"BYTE": 1, "WORD": 2, "LONG": 4, "INT64": 8, "FLOAT16_IEEE": 2, "FLOAT32_IEEE": 4, "FLOAT64_IEEE": 4}
+
+_MOST = 5  # values of one label that are told
+_HALF = 0.5 * (1 + 1e-6)
+
+_ALIGNED_AS |= {"A_UINT64": "INT64", "A_INT64": "INT64"}
+
+
+def alignment_of(data_type: str, *given: Mapping[str, int]) -> int:
+    """At multiples of how many bytes a data type begins; the first of `given` that says so counts."""
+    kind = _ALIGNED_AS.get(data_type, data_type)
+    return int(next((borders[kind] for borders in given if kind in borders), _BORDERS.get(kind, 1)))
+
+
+def is_float(data_type: str) -> bool:
+    """Whether a data type holds floating-point numbers."""
+    return data_type.startswith("FLOAT")
+
+
+def native(data_type: str) -> "np.dtype[Any]":
+    """The type of array that holds it in this process."""
+    return np.dtype(_CODES[data_type])
+
+
+def span_of(data_type: str, bit_mask: int | None) -> tuple[int, int]:
+    """The least and the largest whole number that a data type can hold within a bit mask."""
+    info = np.iinfo(native(data_type))
+    if bit_mask is None or _covers(data_type, bit_mask):
+        return int(info.min), int(info.max)
+    return 0, (bit_mask & (2**info.bits - 1)) >> shift_of(bit_mask)
+
+
+def shift_of(bit_mask: int) -> int:
+    """How many bits are to the right of a mask.
+
+    >>> shift_of(0b1100)
+    2
+    """
+    return (bit_mask & -bit_mask).bit_length() - 1
+
+
+def _covers(data_type: str, bit_mask: int) -> bool:
+    every = (1 << 8 * SIZES[data_type]) - 1
+    return bit_mask & every == every
+
+
+def decoded(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
+    """The raw numbers at byte offsets of a piece of memory, in the shape of `offsets`."""
+    size = SIZES[data_type]
+    cells = np.frombuffer(memory, dtype=np.uint8)[offsets[..., None] + np.arange(size)]
+    cells = np.ascontiguousarray(cells[..., _significance(size, byte_order)])
+    found: Raw = cells.view(f"<{_CODES[data_type]}")[..., 0]
+    if bit_mask is not None and not is_float(data_type) and not _covers(data_type, bit_mask):
+        unsigned = cells.view(f"<u{size}")[..., 0].astype(np.uint64)
+        return np.asarray((unsigned & np.uint64(bit_mask & (2**64 - 1))) >> np.uint64(shift_of(bit_mask)))
+    return found.astype(native(data_type))
+
+
+def encoded(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None = None) -> tuple[Any, Any]:
+    """The bytes of raw numbers, and which bits of them count, both of shape `raw.shape + (size,)`."""
+    size = SIZES[data_type]
+    order = _significance(size, byte_order)
+    bits = np.full((*raw.shape, size), 255, dtype=np.uint8)
+    if bit_mask is not None and not is_float(data_type) and not _covers(data_type, bit_mask):
+        mask = bit_mask & (2 ** (8 * size) - 1)
+        shifted = (raw.astype(np.uint64) << np.uint64(shift_of(bit_mask))) & np.uint64(mask)
+        bits[...] = np.frombuffer(mask.to_bytes(size, "little"), dtype=np.uint8)
+        cells = shifted.astype(f"<u{size}")[..., None].view(np.uint8)
+    else:
+        cells = np.ascontiguousarray(raw.astype(f"<{_CODES[data_type]}"))[..., None].view(np.uint8)
+    placed, counting = np.empty_like(cells), np.empty_like(bits)
+    placed[..., order], counting[..., order] = cells, bits
+    return placed, counting
+
+
+def _significance(size: int, byte_order: str) -> list[int]:
+    """At which place of the memory the byte of each significance is, least first."""
+    places = list(range(size))
+    if byte_order in ("MSB_FIRST", "BIG_ENDIAN"):
+        return places[::-1]
+    if byte_order == "MSB_LAST_MSW_FIRST" and size > 1:
+        return [i for at in range(size - 2, -1, -2) for i in (at, at + 1)]
+    if byte_order == "MSB_FIRST_MSW_LAST" and size > 1:
+        return [i for at in range(0, size, 2) for i in (at + 1, at)]
+    return places[::-1] if byte_order == "MSB_FIRST_MSW_LAST" else places
+
+
+@dataclass(frozen=True)
+class Kept:
+    """How a number is kept: everything between its bytes and its physical value, and its hard limits."""
+
+    data_type: str
+    byte_order: str
+    conversion: Conversion
+    bit_mask: int | None = None
+    difference: bool = False  # each point as the distance from the one before
+    lower: float = -inf
+    upper: float = inf
+
+    def physical(self, raw: Raw) -> Float:
+        """Physical numbers of raw ones; NaN where a number has none."""
+        values = np.asarray(self.conversion.physical(np.asarray(raw, dtype=np.float64)), dtype=np.float64)
+        return np.where(np.isfinite(values), values, np.nan)
+
+    @property
+    def integer(self) -> bool:
+        """Whether raw numbers are whole."""
+        return not is_float(self.data_type)
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The least and the largest raw number."""
+        if self.integer:
+            low, high = span_of(self.data_type, self.bit_mask)
+            return float(low), float(high)
+        largest = float(np.finfo(native(self.data_type)).max)
+        return -largest, largest
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest physical number, NaN where a conversion does not say."""
+        ends = self.physical(np.array(self.span))
+        return float(ends.min()), float(ends.max())
+
+    def step(self, raw: Float) -> Float:
+        """The distance of the next storable number, 0 for floating-point ones."""
+        if not self.integer:
+            return np.zeros(np.shape(raw))
+        low, high = self.span
+        beside = np.where(raw < high, raw + 1, np.maximum(raw - 1, low))
+        return np.nan_to_num(np.abs(np.asarray(self.physical(beside) - self.physical(raw))))
+
+    def bounds(self, lower: float, upper: float) -> tuple[float, float]:
+        """Limits as bounds of a parameter: none where they are the range of the data type or say nothing."""
+        least, largest = self.range
+        if not lower < upper:
+            return -inf, inf
+        slack = self.step(np.array(self.span)).max() + 1e-6 * (largest - least)
+        full = lower <= least + slack and upper >= largest - slack
+        return (-inf, inf) if full else (_bound(lower), _bound(upper))
+
+
+def _bound(limit: float) -> float:
+    return limit if abs(limit) < 1e300 else np.copysign(inf, limit)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The numbers of one part, in the shape of the table, in the order of the memory."""
+
+    kept: Kept
+    offsets: Int
+    stored: Raw  # as they lie in the memory
+
+    @classmethod
+    def of(cls, memory: bytes, offsets: Int, kept: Kept) -> "Part":
+        """The part at byte offsets of a piece of memory."""
+        return cls(kept, offsets, decoded(memory, offsets, kept.data_type, kept.byte_order, kept.bit_mask))
+
+    @cached_property
+    def raw(self) -> Raw:
+        """Raw numbers, points kept as distances added up."""
+        return np.cumsum(self.stored) if self.kept.difference else self.stored
+
+    @cached_property
+    def physical(self) -> Float:
+        """Physical numbers."""
+        return self.kept.physical(self.raw)
+
+    def unlike(self, values: Float) -> Bool:
+        """Which numbers differ from those in the memory; two that are missing are alike."""
+        alike: Bool = (values == self.physical) | (np.isnan(values) & np.isnan(self.physical))
+        return ~alike
+
+
+def order_of(*given: str, known: Mapping[str, str] = BYTE_ORDERS) -> str:
+    """The first byte order that is given and known; the standard has MSB_LAST where nothing says otherwise."""
+    return next((order for order in given if order in known), "MSB_LAST")
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """Raw numbers for a part, and how far the physical ones they stand for are from those wanted."""
+
+    raw: Raw
+    off: Float  # in physical units; 0 where nothing changes
+    steps: Float  # the same in steps of the storage; 0 for floating-point numbers
+    wanted: Float
+    unit: str
+
+
+def nearest_raw(
+    name: str, part: Part, values: Float, unlike: Bool, thing: str, axes: Sequence[Axis] | None, notes: Notes
+) -> Rounded | None:
+    """The raw numbers to store, those that are not `unlike` as they are.
+
+    None, and an error for each of the first values that cannot be stored.
+    """
+    kept = part.kept
+    if kept.conversion.raw is None:
+        notes.error(0, name, f"cannot be changed: the conversion {kept.conversion.name} has no inverse")
+        return None
+    with np.errstate(all="ignore"):
+        exact = np.asarray(kept.conversion.raw(np.where(np.isnan(values), 0.0, values)), dtype=np.float64)
+    exact = np.where(np.isnan(values), np.nan, exact)
+    rounded = np.rint(exact) if kept.integer else exact
+    wrong = _complaints(part, values, rounded, unlike & (rounded != part.raw))
+    if wrong.any():
+        _complain(name, kept, values, wrong, thing, notes)
+        return None
+    raw = part.raw.copy()
+    raw[unlike] = rounded[unlike].astype(native(kept.data_type) if not kept.difference else raw.dtype)
+    off = np.where(unlike, np.abs(kept.physical(raw) - values), 0.0)
+    step = kept.step(raw.astype(np.float64))
+    alone = np.where((off > 0) & kept.integer, np.inf, 0.0)  # a number without neighbours
+    steps = np.divide(off, step, out=alone, where=step > 0)
+    return Rounded(raw, off, steps, values, kept.conversion.unit)
+
+
+def _complaints(part: Part, values: Float, raw: Float, unlike: Bool) -> Bool:
+    """Which of the values to change cannot be stored or are not allowed."""
+    kept = part.kept
+    least, largest = kept.span
+    with np.errstate(all="ignore"):
+        outside = ~((raw >= least) & (raw <= largest))
+        if kept.difference:
+            distances = np.diff(raw, prepend=0.0)
+            outside |= ~((distances >= least) & (distances <= largest))
+        slack = 0.5 * kept.step(np.clip(np.nan_to_num(raw), least, largest)) + 1e-9 * np.abs(values)
+        beyond = ~((values >= kept.lower - slack) & (values <= kept.upper + slack))
+    return unlike & (outside | beyond)
+
+
+def _complain(name: str, kept: Kept, values: Float, wrong: Bool, thing: str, notes: Notes) -> None:
+    low, high = kept.range
+    low, high = (
+        max(low, kept.lower) if low == low else kept.lower,
+        min(high, kept.upper) if high == high else kept.upper,
+    )
+    places = [tuple(int(i) for i in at) for at in np.argwhere(wrong)]
+    for at in places[:_MOST]:
+        where = f" {[i + 1 for i in at]}" if at else ""
+        what = f"the {thing}{where} is {values[at]:g} {kept.conversion.unit}".rstrip()
+        notes.error(0, name, f"{what}, which is outside what can be stored and is allowed: {low:g} to {high:g}")
+    if len(places) > _MOST:
+        notes.error(0, name, f"{counted(len(places) - _MOST, f'further {thing}')} outside {low:g} to {high:g}")
+
+
+@dataclass
+class Roundings:
+    """What rounding has done to all labels."""
+
+    labels: dict[str, tuple[float, float, str, int]] = field(default_factory=dict)  # share, off, unit, values
+    far: dict[str, tuple[float, float, str]] = field(default_factory=dict)
+
+    def keep(self, name: str, found: Rounded) -> None:
+        """Count what was rounded for one label."""
+        size = float(np.nanmax(np.abs(found.wanted), initial=0.0)) or 1.0
+        moved = int((found.off > 1e-12 * size).sum())
+        if not moved:
+            return
+        off = float(np.nanmax(found.off))
+        before = self.labels.get(name, (0.0, 0.0, "", 0))
+        self.labels[name] = max(before, (off / size, off, found.unit, moved + before[3]))
+        if float(np.nanmax(found.steps)) > _HALF:
+            at = np.unravel_index(int(np.nanargmax(found.steps)), found.off.shape)
+            self.far[name] = (float(found.wanted[at]), float(found.off[at]), found.unit)
+
+    def tell(self, notes: Notes) -> None:
+        """One remark on all rounding, and one for each label where it is more than half a step of the storage."""
+        if self.labels:
+            count = sum(values for *_, values in self.labels.values())
+            name, (share, off, unit, _) = max(self.labels.items(), key=lambda one: one[1])
+            what = (
+                f"{counted(count, 'number')} of {counted(len(self.labels), 'label')} rounded to what the control unit "
+                f"can store, at most by {off:.3g} {unit}".rstrip()
+            )
+            notes.remark(0, "", f"{what} ({name}, {share:.2g} of its largest number)")
+        for name, (wanted, off, unit) in self.far.items():
+            what = f"{wanted:g} {unit}".rstrip()
+            notes.remark(0, name, f"the closest number to {what} that it can have is {off:.3g} away")

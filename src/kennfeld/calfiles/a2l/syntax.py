@@ -1,0 +1,340 @@
+"""Walks the tokens of one block: what has to be there in order, then the optional keywords in any order.
+
+The blocks of an A2L text: `/begin KEYWORD ... /end KEYWORD`, in each other, with the words and texts between them.
+
+The syntax is that of ASAM MCD-2 MC (ASAP2) 1.3 to 1.71: texts in quotes, with quotes in them doubled or behind a
+backslash, comments as in C, other files by `/include`. What is in IF_DATA and A2ML is of no concern to calibration.
+"""
+
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import isnan
+from pathlib import Path
+
+from kennfeld.calfiles.format import Notes, Source
+from kennfeld.formatting import one_line
+
+__all__ = ["Block", "Cursor", "Include", "UnusableError", "blocks", "is_text", "number", "unquoted", "whole"]
+
+# The path and the content of an included file, by its name and the path of the file that includes it, which is None for
+# the main file; None if there is no such file.
+Include = Callable[[str, Path | None], tuple[Path, bytes] | None]
+
+_TOKEN = re.compile(
+    r'"((?:[^"\\]++|\\.|"")*+)"'
+    r"|/\*.*?\*/|//[^\n]*"
+    r'|([^\s"/]++(?:/(?![/*])[^\s"/]*+)*+|/(?![/*])[^\s"/]*+(?:/(?![/*])[^\s"/]*+)*+)'
+    r'|("|/\*)',
+    re.DOTALL,
+)
+_TEXT, _WORD, _OPEN = 1, 2, 3
+_ESCAPE = re.compile(r'\\(["\'\\])|""')
+_A2ML_END = re.compile(r"/end\s+A2ML\b", re.IGNORECASE)
+_LEFT_OUT = ("IF_DATA", "A2ML")
+_ML_ENDINGS = (".aml", ".a2ml")
+_DEEPEST = 64  # blocks within each other
+_MOST_INCLUDES = 200
+_MOST_CHARACTERS = 400_000_000  # of all included files together
+_MOST_FAULTS = 20
+_NEWLINE = re.compile("\n")
+
+_SHOWN = 40
+
+
+@dataclass(frozen=True)
+class _File:
+    name: str
+    text: str
+    path: Path | None = None  # of an included file
+
+    @cached_property
+    def _newlines(self) -> list[int]:
+        return [found.start() for found in _NEWLINE.finditer(self.text)]
+
+    def line(self, offset: int) -> int:
+        return bisect_right(self._newlines, offset) + 1
+
+
+@dataclass(slots=True, eq=False)
+class Block:
+    """A block: its keyword, its words and texts (with a quote before them) in their order, and the blocks within it."""
+
+    keyword: str
+    file: _File
+    offset: int
+    tokens: list[str] = field(default_factory=list)
+    blocks: list["Block"] = field(default_factory=list)
+
+    @property
+    def line(self) -> int:
+        """The line of its beginning, counted from 1."""
+        return self.file.line(self.offset)
+
+    def inner(self, keyword: str) -> "Iterator[Block]":
+        """The blocks of one keyword within it."""
+        return (block for block in self.blocks if block.keyword == keyword)
+
+
+def is_text(token: str) -> bool:
+    """Whether a token was written in quotes."""
+    return token.startswith('"')
+
+
+def unquoted(token: str) -> str:
+    """The text of a token, without quotes and escapes.
+
+    >>> unquoted('"5"" tyre')
+    '5" tyre'
+    """
+    if not is_text(token):
+        return token
+    return _ESCAPE.sub(lambda found: found[1] or '"', token[1:]) if "\\" in token or '""' in token else token[1:]
+
+
+def blocks(raw: bytes, name: str, notes: Notes, include: Include | None = None) -> tuple[Block, bool]:
+    """The file as one block without a keyword, and whether its structure is sound; notes an error where it is not."""
+    builder = _Builder(notes, include)
+    builder.feed(_File(name, Source(name, raw).text), 0)
+    return builder.finished(), not builder.faults
+
+
+@dataclass
+class _Builder:
+    notes: Notes
+    include: Include | None
+    stack: list[Block] = field(default_factory=list)
+    faults: int = 0
+    files: int = 0
+    characters: int = 0
+
+    def feed(self, file: _File, depth: int) -> None:
+        """Take the tokens of one file."""
+        if not self.stack:
+            self.stack.append(Block("", file, 0))
+        at: int | None = 0
+        while at is not None:
+            at = self._run(file, at, depth)
+
+    def _run(self, file: _File, start: int, depth: int) -> int | None:
+        """Take tokens from a place on; gives the place to go on from, None at the end."""
+        waiting = ""  # /begin, /end or /include, until the word after it has come
+        keep = self.stack[-1].tokens.append
+        for found in _TOKEN.finditer(file.text, start):
+            kind = found.lastindex
+            if kind == _WORD and not waiting:
+                word = found[0]
+                if word[0] == "/" and word.lower() in ("/begin", "/end", "/include"):
+                    waiting = word.lower()
+                else:
+                    keep(word)
+                continue
+            if kind is None:
+                continue
+            if kind == _OPEN:
+                self._fault(
+                    file, found.start(), "a quote or a comment is not closed", "The file is damaged or cut off."
+                )
+                return None
+            word = found[0] if kind == _WORD else '"' + found[_TEXT]
+            if not waiting:
+                keep(word)
+                continue
+            waiting, action = "", waiting
+            if not self._act(file, found.start(), action, word, depth):
+                return None
+            if action == "/begin" and word == "A2ML":
+                return self._behind_a2ml(file, found.end())
+            keep = self.stack[-1].tokens.append
+        if waiting:
+            self._fault(file, len(file.text), f"ends behind {waiting}", "The file is cut off.")
+        return None
+
+    def _behind_a2ml(self, file: _File, offset: int) -> int | None:
+        end = _A2ML_END.search(file.text, offset)
+        if end is None:
+            self._fault(file, offset, "A2ML is not closed", "The file is damaged or cut off.")
+            return None
+        self.stack.pop()
+        return end.end()
+
+    def _act(self, file: _File, offset: int, action: str, word: str, depth: int) -> bool:
+        """Open or close a block or include a file; False where there is no sense in going on."""
+        if action == "/begin":
+            self.stack.append(Block(word, file, offset))
+            if len(self.stack) > _DEEPEST:
+                self._fault(file, offset, f"more than {_DEEPEST} blocks are within each other")
+        elif action == "/end":
+            self._close(file, offset, word)
+        else:
+            self._include(file, offset, unquoted(word), depth)
+        return self.faults < _MOST_FAULTS and len(self.stack) <= _DEEPEST
+
+    def _close(self, file: _File, offset: int, word: str) -> None:
+        if len(self.stack) > 1 and self.stack[-1].keyword == word:
+            self._attach(self.stack.pop())
+            return
+        at = next((i for i in range(len(self.stack) - 1, 0, -1) if self.stack[i].keyword == word), 0)
+        if at == 0:
+            self._fault(file, offset, f"/end {word[:40]} closes nothing that was begun")
+            return
+        top = self.stack[-1]
+        self._fault(file, offset, f"/end {word[:40]} comes before the {top.keyword[:40]} of line {top.line} is closed")
+        while len(self.stack) > at:
+            self._attach(self.stack.pop())
+
+    def _attach(self, block: Block) -> None:
+        if block.keyword not in _LEFT_OUT:
+            self.stack[-1].blocks.append(block)
+
+    def _include(self, file: _File, offset: int, name: str, depth: int) -> None:
+        if any(block.keyword in _LEFT_OUT for block in self.stack):
+            return
+        self.files += 1
+        if depth >= _DEEPEST or self.files > _MOST_INCLUDES:
+            self.faults = _MOST_FAULTS
+            self._fault(file, offset, f"/include {name[:60]}: too many files include each other")
+            return
+        found = self.include(name, file.path) if self.include else None
+        if found is None and name.lower().endswith(_ML_ENDINGS):
+            what = (
+                f"/include names {name[:60]!r}, which is not there; it describes interfaces, which do not matter here"
+            )
+            self.notes.remark(file.line(offset), "", what)
+        elif found is None:
+            mend = "Put it where the name says, from the folder of the file that includes it or of the main file."
+            self._fault(file, offset, f"/include names {name[:60]!r}, which cannot be read", mend)
+        else:
+            self._feed_included(file, offset, name, found, depth)
+
+    def _feed_included(self, file: _File, offset: int, name: str, found: tuple[Path, bytes], depth: int) -> None:
+        path, raw = found
+        self.characters += len(raw)
+        if self.characters > _MOST_CHARACTERS:
+            self.faults = _MOST_FAULTS
+            self._fault(file, offset, f"/include {name[:60]}: the included files are too large")
+            return
+        self.feed(_File(name, Source(name, raw).text, path), depth + 1)
+
+    def _fault(self, file: _File, offset: int, what: str, mend: str = "") -> None:
+        self.faults += 1
+        inside = f"{file.name}: " if file is not self.stack[0].file else ""
+        self.notes.error(file.line(offset), "", inside + what, mend)
+
+    def finished(self) -> Block:
+        """The outermost block, with an error noted for what is not closed."""
+        if len(self.stack) > 1 and not self.faults:
+            top = self.stack[-1]
+            self._fault(top.file, top.offset, f"{top.keyword[:40]} is not closed", "The file is cut off.")
+        while len(self.stack) > 1:
+            self._attach(self.stack.pop())
+        return self.stack[0]
+
+
+class UnusableError(Exception):
+    """A block that does not say what its keyword asks for; the text says what is wrong."""
+
+
+class Cursor:
+    """A place within the tokens of a block; inner blocks are passed over.
+
+    Everything raises `UnusableError` where the block has something else.
+    """
+
+    def __init__(self, block: Block) -> None:
+        self.tokens = block.tokens
+        self.at = 0
+
+    def left(self) -> int:
+        """How many tokens are left."""
+        return len(self.tokens) - self.at
+
+    def word(self, what: str) -> str:
+        """The next word or text; `what` names it in a message."""
+        if self.at >= len(self.tokens):
+            raise UnusableError(f"has no {what}")
+        self.at += 1
+        return unquoted(self.tokens[self.at - 1])
+
+    def text(self, what: str) -> str:
+        """The next text in quotes, as one line."""
+        if self.at >= len(self.tokens) or not is_text(self.tokens[self.at]):
+            raise UnusableError(f"has no {what} in quotes")
+        return one_line(self.word(what))
+
+    def number(self, what: str) -> float:
+        """The next number."""
+        word = self.word(what)
+        value = number(word)
+        if value is None:
+            raise UnusableError(f"has {word[:_SHOWN]!r} where its {what} should be")
+        return value
+
+    def whole(self, what: str) -> int:
+        """The next whole number, decimal or hexadecimal."""
+        word = self.word(what)
+        value = whole(word)
+        if value is None:
+            raise UnusableError(f"has {word[:_SHOWN]!r} where its {what} should be, a whole number")
+        return value
+
+    def options(self, known: Mapping[str, int]) -> dict[str, list[str]]:
+        """The words behind each keyword of `known`, which says how many there are (-1: up to the next keyword).
+
+        Words that belong to no known keyword are passed over; of a keyword given twice the last one counts.
+        """
+        found: dict[str, list[str]] = {}
+        while self.at < len(self.tokens):
+            keyword = self.tokens[self.at]
+            self.at += 1
+            if keyword not in known:
+                continue
+            count = known[keyword]
+            end = self.at + count if count >= 0 else self._next_keyword(known)
+            if end > len(self.tokens):
+                raise UnusableError(f"has too few words behind {keyword}")
+            found[keyword] = [unquoted(token) for token in self.tokens[self.at : end]]
+            self.at = end
+        return found
+
+    def _next_keyword(self, known: Mapping[str, int]) -> int:
+        at = self.at
+        while at < len(self.tokens) and whole(self.tokens[at]) is not None:
+            at += 1
+        return at
+
+
+def number(word: str) -> float | None:
+    """A number of A2L: decimal, or hexadecimal with 0x; infinite where it is beyond all numbers.
+
+    >>> number("0x10"), number("1e3"), number("one")
+    (16.0, 1000.0, None)
+    """
+    try:
+        value = float(word)
+    except ValueError:
+        found = whole(word)
+        return None if found is None else float(found)
+    return None if isnan(value) or "_" in word else value
+
+
+def whole(word: str) -> int | None:
+    """A whole number of at most 64 bits, None where the word is none."""
+    if len(word) > 40 or "_" in word:
+        return None
+    try:
+        sign, digits = (-1, word[1:]) if word[:1] == "-" else (1, word.removeprefix("+"))
+        value = sign * int(digits, 16 if digits[:2] in ("0x", "0X") else 10)
+    except ValueError:
+        return _whole_float(word)
+    return value if abs(value) < 2**64 else None
+
+
+def _whole_float(word: str) -> int | None:
+    try:
+        value = float(word)
+    except ValueError:
+        return None
+    return int(value) if value.is_integer() and abs(value) < 2**53 else None

@@ -1,0 +1,253 @@
+"""The instances of a CDFX file: one a label, whether they stand side by side, in each other, or in variants.
+
+The numbers of a CDFX value: V, VH, VF and the groups VG, in which x runs fastest.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import isfinite, prod
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.xml_tree import PARTED, Element
+from kennfeld.formatting import counted
+
+__all__ = ["Instance", "Values", "array_size", "instances", "values_of"]
+
+_VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
+
+_HELD = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")
+
+_NUMBERS = ("V", "VF", "VH")
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One label in one variant: what names it, and the elements that hold its values and axes."""
+
+    name: str
+    category: str
+    description: str
+    line: int
+    value: Element | None  # SW-VALUE-CONT
+    axes: tuple[Element, ...]  # SW-AXIS-CONT
+    functions: tuple[str, ...] = ()
+    display_name: str = ""
+    variant: str = ""
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """What every parameter and text keeps of it."""
+        named = {"display_name": self.display_name, "variant": self.variant}
+        return {"description": self.description, "functions": self.functions, **named}
+
+    @property
+    def unit(self) -> str:
+        """The unit of the values."""
+        return self.value.line_of("UNIT-DISPLAY-NAME") if self.value else ""
+
+
+def instances(root: Element, notes: Notes) -> list[Instance]:
+    """All labels that hold something, once a variant, in the order of the file; says what is left aside."""
+    found: list[Instance] = []
+    for tree in _trees(root):
+        for element in tree.all("SW-INSTANCE"):
+            found += _flat(element, "", notes)
+    _tell_left_aside(root, notes)
+    return found
+
+
+def _trees(element: Element) -> Iterator[Element]:
+    """The SW-INSTANCE-TREEs, however many systems and specifications are around them."""
+    for child in element.children:
+        if child.tag == "SW-INSTANCE-TREE":
+            yield child
+        elif child.tag in ("SW-SYSTEMS", "SW-SYSTEM", "SW-INSTANCE-SPEC"):
+            yield from _trees(child)
+
+
+def _flat(element: Element, outer: str, notes: Notes) -> Iterator[Instance]:
+    """An instance and those within it; INCA may write the label a.b.c as c in b in a."""
+    name = element.line_of("SHORT-NAME").strip()
+    name = name if not outer or name.startswith("[") else f"{outer}.{name}"
+    name = outer + name if outer and name.startswith("[") else name
+    if not name:
+        notes.error(element.line, "", "SW-INSTANCE has no SHORT-NAME", "Give it a name.")
+        return
+    inner = list(element.all("SW-INSTANCE"))
+    for holder, variant in _holders(element, bool(inner), name, notes):
+        value, axes = holder.first("SW-VALUE-CONT"), holder.first("SW-AXIS-CONTS")
+        yield Instance(
+            name,
+            element.line_of("CATEGORY").strip().upper(),
+            element.line_of("LONG-NAME"),
+            holder.line if variant else element.line,
+            value,
+            tuple(axes.all("SW-AXIS-CONT")) if axes else (),
+            tuple(filter(None, (reference.text.strip() for reference in element.all("SW-FEATURE-REF")))),
+            element.line_of("DISPLAY-NAME").strip(),
+            variant,
+        )
+    for child in inner:
+        yield from _flat(child, name, notes)
+
+
+def _holders(element: Element, has_inner: bool, name: str, notes: Notes) -> Iterator[tuple[Element, str]]:
+    """What holds values: the instance itself, or each of its variants with its name."""
+    variants = element.first(_VARIANTS)
+    found: dict[str, Element] = {}
+    for holder in variants.all(_VARIANT) if variants else ():
+        first = found.setdefault(_variant(holder), holder)
+        if first is not holder:
+            what = f"is another variant with the criteria of that in line {first.line}; left aside"
+            notes.remark(holder.line, name, what)
+    if found:
+        yield from ((holder, variant) for variant, holder in found.items())
+    elif element.first("SW-VALUE-CONT") is not None or not has_inner:
+        yield element, ""
+
+
+def _variant(holder: Element) -> str:
+    """The criteria of a variant: `Engine=2,Gear=1`; a reference without a value stands alone."""
+    return ",".join(word for child in holder.children if child.tag not in _HELD for word in _criteria(child))
+
+
+def _criteria(element: Element) -> Iterator[str]:
+    references = [child for child in element.children if child.tag.endswith("-REF")]
+    values = [child.text.strip() for child in element.children if child.tag in ("VT", "V", "VF", "VH")]
+    if len(references) == 1 and len(values) == 1:
+        yield f"{references[0].text.strip()}={values[0]}"
+        return
+    if element.text.strip():
+        yield " ".join(element.text.replace(PARTED, " ").split())
+    for child in element.children:
+        yield from _criteria(child)
+
+
+def _tell_left_aside(root: Element, notes: Notes) -> None:
+    histories = 0
+    waiting: list[Element] = [root]
+    while waiting:
+        element = waiting.pop()
+        histories += element.tag == "SW-CS-HISTORY"
+        if element.tag not in ("SW-VALUE-CONT", "SW-AXIS-CONTS"):
+            waiting += element.children
+    if histories:
+        notes.remark(0, "", f"{histories} histor{'y' if histories == 1 else 'ies'} left aside")
+
+
+@dataclass
+class Values:
+    """What a SW-VALUES-PHYS holds, flat, with the shape its groups give it; x is the last index of that shape."""
+
+    line: int
+    numbers: list[float] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
+    shape: tuple[int, ...] = ()
+
+    def shaped(self, sizes: tuple[int, ...]) -> Float | None:
+        """The numbers as an array of these sizes, x first; None where they are not that many or grouped otherwise."""
+        if len(self.numbers) != prod(sizes) or (len(self.shape) > 1 and self.shape != sizes[::-1]):
+            return None
+        return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
+
+
+def values_of(holder: Element | None, name: str, notes: Notes) -> Values | None:
+    """The values within a SW-VALUE-CONT or SW-AXIS-CONT.
+
+    None where there are none, and with an error noted for each text that is no number.
+    """
+    found = None if holder is None else holder.first("SW-VALUES-PHYS")
+    if found is None:
+        return None
+    values = Values(found.line)
+    taken = _Taken(name, notes, values)
+    shape = taken.group(found)
+    if shape is None or taken.wrong:
+        return None
+    values.shape = shape
+    return values
+
+
+def array_size(holder: Element) -> tuple[int, ...]:
+    """What SW-ARRAYSIZE states, x first, without the ones that INCA appends; empty where it states nothing usable."""
+    found = holder.first("SW-ARRAYSIZE")
+    words = [word.strip() for word in found.words("V")] if found else []
+    if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
+        return ()
+    return tuple(int(word) for word in words)
+
+
+@dataclass
+class _Taken:
+    """Walks the groups of one value; `group` gives the shape, or None where rows are not equally long."""
+
+    name: str
+    notes: Notes
+    values: Values
+    wrong: bool = False
+
+    def group(self, element: Element) -> tuple[int, ...] | None:
+        groups = list(element.all("VG"))
+        if not groups:
+            before = len(self.values.numbers) + len(self.values.texts)
+            self._take(element)
+            return (len(self.values.numbers) + len(self.values.texts) - before,)
+        shapes = [self.group(group) for group in groups]
+        if None in shapes:
+            return None
+        odd = next((i for i, shape in enumerate(shapes) if shape != shapes[0]), None)
+        if odd is not None:
+            what = f"group {odd + 1} has {_size(shapes[odd])}, the first has {_size(shapes[0])}"
+            self.notes.error(groups[odd].line, self.name, what)
+            return None
+        return (len(groups), *(shapes[0] or ()))
+
+    def _take(self, element: Element) -> None:
+        for child in element.children:
+            if child.tag == "VT":
+                self.values.texts.append(child.text)
+            elif child.tag in _NUMBERS:
+                words = child.text.split(PARTED)
+                # Python would read 1_000 as a thousand.
+                numbers = None if "_" in child.text else _numbers(child.tag, words)
+                if numbers is None:
+                    self._wrong(child, words)
+                else:
+                    self.values.numbers += numbers
+
+    def _wrong(self, child: Element, words: list[str]) -> None:
+        """Name each word that is no number, with its line."""
+        line = child.line
+        for word in words:
+            if "_" in word or _numbers(child.tag, [word]) is None:
+                shown = word.strip()[:60]
+                mend = "Write a decimal point." if _has_comma(shown) else ""
+                at = line + word[: len(word) - len(word.lstrip())].count("\n")
+                self.notes.error(at, self.name, f"{shown!r} is no finite number", mend)
+            line += word.count("\n")
+        self.wrong = True
+
+
+def _size(shape: tuple[int, ...] | None) -> str:
+    return counted(prod(shape or ()), "value")
+
+
+def _numbers(tag: str, words: list[str]) -> list[float] | None:
+    """The numbers of words; None where one of them is none, or not finite."""
+    try:
+        numbers = [float(int(word, 16)) for word in words] if tag == "VH" else list(map(float, words))
+    except (ValueError, OverflowError):
+        return None
+    return numbers if all(map(isfinite, numbers)) else None
+
+
+def _has_comma(word: str) -> bool:
+    """Whether a word would be a number with a point for its comma."""
+    try:
+        return "," in word and isfinite(float(word.replace(",", ".")))
+    except ValueError:
+        return False

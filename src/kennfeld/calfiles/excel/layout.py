@@ -1,0 +1,177 @@
+"""The sheets of a calibration workbook, and how it is told from a workbook of measured data.
+
+The layout of a calibration workbook, which its writer and its reader share.
+
+    Parameters   the index: a row for each parameter, with the sheet that holds its values
+    Scalars      a row for each single value
+    Texts        a row for each text
+    Axes         a row for each group axis, where it is edited; tables hold formulas that follow it
+    MapX         a sheet for each table: its axes, then the numbers
+
+A table has x to the right and y down; the cell left above the numbers says so (`y down / x right`). Higher directions
+are tables below each other, each with its breakpoints in a row `z | 0.5` before it.
+"""
+
+import re
+import zipfile
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import date, time, timedelta
+from io import BytesIO
+
+from kennfeld import workbooks
+from kennfeld.calfiles.format import Source
+from kennfeld.errors import InputError
+from kennfeld.parameters import TextKind
+from kennfeld.workbooks import Workbook, column_letters
+
+__all__ = [
+    "AXES",
+    "AXES_HEADING",
+    "AXIS_HEADING",
+    "CORNERS",
+    "INDEX",
+    "INDEX_HEADING",
+    "KINDS",
+    "LETTERS",
+    "SCALARS",
+    "SCALARS_HEADING",
+    "TEXTS",
+    "TEXTS_HEADING",
+    "TEXT_KINDS",
+    "Sheet",
+    "index_heading",
+    "is_calibration_workbook",
+    "number_fault",
+    "opened",
+    "sheet_names",
+    "sheet_of",
+]
+
+INDEX, SCALARS, TEXTS, AXES = "Parameters", "Scalars", "Texts", "Axes"
+_LABELS = ("functions", "display name", "variant")
+INDEX_HEADING = ("name", "kind", "size", "unit", "description", *_LABELS, "sheet")
+SCALARS_HEADING = ("name", "value", "unit", "description", *_LABELS, "size")
+TEXTS_HEADING = ("name", "text", "description", *_LABELS)
+AXES_HEADING = ("group axis", "unit", "input", "breakpoints")
+AXIS_HEADING = ("axis", "input", "unit", "group axis")
+CORNERS = ("x right", "y down / x right")  # of one direction, of two and more
+TEXT_KINDS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
+KINDS = ("scalar", "block", "curve", "map", "cube", *TEXT_KINDS)
+LETTERS = "xyzw"
+_LONGEST_NAME = 31  # characters, a limit of Excel
+_UNFIT = re.compile(r"[\[\]:*?/\\\x00-\x1f]")
+
+_ZIP = b"PK\x03\x04"
+_LIST = 10_000_000  # bytes; no list of sheets is longer
+_SHEET_NAME = re.compile(rb'<(?:\w+:)?sheet\s[^>]*?name="([^"]*)"')
+
+
+def sheet_names(names: Iterable[str]) -> list[str]:
+    """A name that Excel accepts for each sheet, different from the others without regard to case.
+
+    >>> sheet_names(["MapX", "mapx", "a[0]", "Axes"])
+    ['MapX', 'mapx (2)', 'a(0)', 'Axes (2)']
+    """
+    taken = {name.casefold() for name in (INDEX, SCALARS, TEXTS, AXES, "History")}
+    found = []
+    for name in names:
+        wanted = _UNFIT.sub("_", name.replace("[", "(").replace("]", ")")).strip("' ") or "_"
+        made, count = wanted[:_LONGEST_NAME].rstrip("' "), 1
+        while made.casefold() in taken or not made:
+            count += 1
+            ending = f" ({count})"
+            made = wanted[: _LONGEST_NAME - len(ending)] + ending
+        taken.add(made.casefold())
+        found.append(made)
+    return found
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The cells of one sheet; rows and columns are counted from 0."""
+
+    name: str
+    rows: list[list[object]]
+
+    def cell(self, row: int, column: int) -> object:
+        """What a cell holds; None where it is empty, or beyond the last one."""
+        if row >= len(self.rows) or column >= len(self.rows[row]):
+            return None
+        value = self.rows[row][column]
+        return None if value == "" else value
+
+    def text(self, row: int, column: int) -> str:
+        """What a cell shows, as text."""
+        value = self.cell(row, column)
+        return "" if value is None else f"{value:.15g}" if isinstance(value, float) else str(value)
+
+    def width(self, row: int) -> int:
+        """How many columns a row has at most."""
+        return len(self.rows[row]) if row < len(self.rows) else 0
+
+    def place(self, row: int, column: int) -> str:
+        """How a message names a cell.
+
+        >>> Sheet("MapX", []).place(3, 2)
+        'Sheet MapX cell C4'
+        """
+        return f"Sheet {self.name} cell {column_letters(column)}{row + 1}"
+
+
+def number_fault(value: object) -> str:
+    """Why a cell is no number; empty for a number."""
+    if value is None:
+        return "is empty; a number is missing"
+    if isinstance(value, bool):
+        return f"holds {value}, which is no number"
+    if isinstance(value, (date, time, timedelta)):
+        return "holds a date or time, which is no number"
+    return "" if isinstance(value, (int, float)) else f"holds {str(value)[:60]!r}, which is no number"
+
+
+def looks_like_a_workbook(source: Source) -> bool:
+    """Whether a file, of which the beginning may suffice, is an .xlsx."""
+    if not source.raw.startswith(_ZIP):
+        return False
+    try:
+        with zipfile.ZipFile(BytesIO(source.raw)) as archive:
+            return "xl/workbook.xml" in archive.namelist()
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
+        return b"xl/" in source.raw or source.raw[30:49] == b"[Content_Types].xml"
+
+
+def is_calibration_workbook(source: Source) -> bool:
+    """Whether an .xlsx holds parameters rather than measured data: it has the index that lists them."""
+    if not source.raw.startswith(_ZIP):
+        return False
+    try:
+        with zipfile.ZipFile(BytesIO(source.raw)) as archive, archive.open("xl/workbook.xml") as stream:
+            names = _SHEET_NAME.findall(stream.read(_LIST))
+        if INDEX.encode() not in names:
+            return False
+        return index_heading(sheet_of(opened(source), INDEX)) is not None
+    except (InputError, KeyError, zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError):
+        return False
+
+
+def index_heading(sheet: Sheet) -> int | None:
+    """The row with the headings of the index."""
+    for row in range(min(len(sheet.rows), 50)):
+        words = {str(cell).strip().casefold() for cell in sheet.rows[row]}
+        if {INDEX_HEADING[0], INDEX_HEADING[1], INDEX_HEADING[-1]} <= words:
+            return row
+    return None
+
+
+def opened(source: Source) -> Workbook:
+    """The workbook; raises `InputError` where it is damaged, encrypted, or asks for more memory than a table needs."""
+    return workbooks.opened(source.name, source.raw)
+
+
+def sheet_of(book: Workbook, name: str) -> Sheet:
+    """The cells of a sheet; raises `InputError` if it is damaged, or formulas in it have no saved values."""
+    if (unsaved := book.unsaved(name)) is not None:
+        raise InputError.of(book.name, str(unsaved), unsaved.remedy)
+    return Sheet(name, book.cells(name))

@@ -1,0 +1,186 @@
+"""Images as calibration files: which A2L file describes an image, and what the two hold together.
+
+What reads A2L files and images is loaded by whoever has some.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kennfeld.calfiles.format import Content, Flash, Notes, Source, Written
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.parameter_set import ParameterSet
+
+if TYPE_CHECKING:
+    from kennfeld.calfiles.a2l import A2l, Described
+
+__all__ = [
+    "IMAGE_ENDINGS",
+    "A2lFile",
+    "describe_a2l",
+    "fragment_of_a2l",
+    "recognises_a2l",
+    "recognises_flash",
+    "unwritable",
+]
+
+IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
+_INTEL_ENDINGS = (".hex", ".ihex")
+_NAMING = '--a2l FILE, or { a2l = "...", hex = "..." } in a project'
+_HEAD = 65536  # characters that tell what a file is
+_A2L_BLOCK = re.compile(
+    r"/begin\s+(PROJECT|MODULE|MOD_PAR|MOD_COMMON|CHARACTERISTIC|AXIS_PTS|MEASUREMENT|COMPU_METHOD|COMPU_TAB|COMPU_VTAB"
+    r"|COMPU_VTAB_RANGE|RECORD_LAYOUT|FUNCTION|GROUP|FRAME|UNIT|USER_RIGHTS|VARIANT_CODING|INSTANCE|TYPEDEF_\w+|BLOB"
+    r"|TRANSFORMER|IF_DATA|A2ML)\b"
+)
+_LARGEST = 500_000_000  # bytes of an included file
+
+
+@dataclass(frozen=True, eq=False)
+class A2lFile:
+    """What an A2L file describes, and the remarks on what of it was left aside."""
+
+    path: Path
+    a2l: "A2l"
+    remarks: tuple[Finding, ...]
+
+    @property
+    def labels(self) -> "tuple[Described, ...]":
+        """Every label and group axis."""
+        from kennfeld.calfiles.a2l import described
+
+        return described(self.a2l)
+
+
+def recognises_flash(source: Source) -> bool:
+    """Whether a file begins like Intel HEX or S-records."""
+    head = source.raw[:_HEAD].lstrip()
+    if head[:1] not in (b":", b"S"):
+        return False
+    from kennfeld.calfiles.flash.records import recognises_image
+
+    return recognises_image(head)
+
+
+def recognises_a2l(head: str) -> bool:
+    """Whether a text begins like an A2L file or a part of one, behind comments."""
+    head = head[:_HEAD]
+    return "ASAP2_VERSION" in head or _A2L_BLOCK.search(head) is not None
+
+
+def fragment_of_a2l(head: str) -> tuple[str, str] | None:
+    """Return what is wrong with a part of an A2L file, and the remedy; None for any other text."""
+    head = head[:_HEAD]
+    first = _A2L_BLOCK.search(head)
+    if first is None or "ASAP2_VERSION" in head or first[1] in ("PROJECT", "MODULE"):
+        return None
+    what = f"is a fragment of an A2L file: it begins with {first[1]}, without a PROJECT and a MODULE around it"
+    return what, "Name the A2L file that includes it."
+
+
+def read_flash(source: Source) -> Content:
+    """The parameters in an image. Its A2L file is the one that `source` names, else the one of the same name beside
+    it, else the only one in its folder.
+
+    Raises `InputError` where there is none, or where one of the two cannot be read.
+    """
+    from kennfeld.calfiles.a2l import read_parameters
+    from kennfeld.calfiles.flash.records import read_image
+
+    description = read_a2l(_a2l_of(source))
+    notes = Notes(source.name)
+    image = read_image(source.raw, source.name, notes)
+    own = notes.settle()
+    notes = Notes(description.path.name)
+    parameters = read_parameters(description.a2l, image, notes)
+    kind = f"{image.kind} with {description.path.name}"
+    return Content(kind, parameters, (*own, *description.remarks, *notes.settle()))
+
+
+def _a2l_of(source: Source) -> Path:
+    if source.partner is not None:
+        return source.partner
+    folder = source.path.parent if source.path is not None else Path()
+    found = sorted(one for one in folder.iterdir() if one.suffix.lower() == ".a2l") if folder.is_dir() else []
+    stem = Path(source.name).stem.casefold()
+    beside = [one for one in found if one.stem.casefold() == stem] or found
+    if len(beside) == 1:
+        return beside[0]
+    what = "is an image, whose labels an A2L file describes"
+    if not found:
+        raise InputError.of(source.name, f"{what}; there is none beside it", f"Name it: {_NAMING}.")
+    names = ", ".join(one.name for one in found[:5])
+    raise InputError.of(source.name, f"{what}; beside it are {names}", f"Name the right one: {_NAMING}.")
+
+
+def read_a2l(path: Path) -> A2lFile:
+    """What an A2L file describes, files that it includes with it. Raises `InputError` with every finding."""
+    from kennfeld.calfiles.a2l import parse_a2l
+
+    raw = _content(path)
+    if raw is None:
+        beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise InputError.of(str(path), "there is no such A2L file", nearest(path.name, beside))
+    notes = Notes(path.name)
+    fragment = fragment_of_a2l(Source(path.name, raw).text)
+    if fragment:
+        raise InputError.of(path.name, *fragment)
+    a2l = parse_a2l(raw, path.name, notes, partial(_included, path))
+    return A2lFile(path, a2l, notes.settle())
+
+
+def describe_a2l(path: str | Path) -> A2lFile:
+    """What an A2L file says on its own, without an image. Raises `InputError`."""
+    return read_a2l(Path(path))
+
+
+def _included(main: Path, name: str, including: Path | None) -> tuple[Path, bytes] | None:
+    """Return the path and the content of a file that another one includes.
+
+    The standard leaves open where it is: it is looked for beside the file that includes it, then beside the main file.
+    """
+    wanted = name.strip().replace("\\", "/")
+    for folder in dict.fromkeys(file.parent for file in (including or main, main)):
+        content = _content(folder / wanted)
+        if content is not None:
+            return folder / wanted, content
+    return None
+
+
+def _content(path: Path) -> bytes | None:
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST:
+            return None
+        return path.read_bytes()
+    except (OSError, ValueError):
+        return None
+
+
+def unwritable(origin: object, ending: str) -> tuple[str, str] | None:
+    """Why no file of an ending can be written over what a set was read from, and the mend; None where it can."""
+    if not isinstance(origin, Flash):
+        what = "an image is written over one to start from, and there is none"
+        return what, "Read the parameters from an image, or name it: kennfeld convert IN OUT --image FILE."
+    if (ending in _INTEL_ENDINGS) == (origin.image.kind == "Intel HEX"):
+        return None
+    known = [one for one in IMAGE_ENDINGS if (one in _INTEL_ENDINGS) == (origin.image.kind == "Intel HEX")]
+    return f"{ending} is not what {origin.image.name} holds, {origin.image.kind}", f"Write a file {', '.join(known)}."
+
+
+def write_flash(parameters: ParameterSet, file: str) -> Written:
+    """The image that a set was read from, with the values of the set.
+
+    Raises `InputError` where the set is not from an image, or for values that the control unit cannot store.
+    """
+    origin = parameters.origin
+    wrong = unwritable(origin, Path(file).suffix.lower())
+    if wrong or not isinstance(origin, Flash):
+        raise InputError.of(file, *(wrong or ()))
+    from kennfeld.calfiles.a2l import stored
+
+    notes = Notes(file)
+    content = stored(origin.a2l, origin.image, parameters, notes)
+    return Written(content, notes.settle())

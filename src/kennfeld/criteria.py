@@ -1,0 +1,110 @@
+"""How the outputs of a model count: residuals and losses in LLVM IR.
+
+What the optimizer shall reach.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from kennfeld.errors import ArgumentError
+from kennfeld.numeric import number
+
+__all__ = ["Criterion", "Loss", "Region", "Target"]
+
+Loss = Literal["square", "huber", "soft_l1", "excess"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a node is compared with: a channel, another node, or a number.
+
+    A bare name, kind `name`, is a channel where the data have one of that name, else a node.
+    """
+
+    kind: Literal["name", "channel", "node", "number"]
+    name: str = ""
+    value: float = 0.0
+
+    @classmethod
+    def of(cls, given: "Target | str | float") -> "Target":
+        """The target that a name or a number stands for."""
+        if isinstance(given, Target):
+            return given
+        return (
+            cls("name", given)
+            if isinstance(given, str)
+            else cls("number", value=number(given, "target", "a criterion"))
+        )
+
+    def __str__(self) -> str:
+        return f"{self.value:g}" if self.kind == "number" else self.name
+
+
+@dataclass(frozen=True)
+class Region:
+    """Samples with a weight of their own: those at which `where` holds, formula text over channels.
+
+    >>> Region("Speed > 3000", 2.0)
+    Region(where='Speed > 3000', weight=2.0)
+    """
+
+    where: str
+    weight: float
+
+    def __post_init__(self) -> None:
+        if not self.where.strip():
+            raise ArgumentError("where of a region is empty; it must be a condition such as 'Speed > 3000'")
+        weight = number(self.weight, "weight", f"the region {self.where}", least=0)
+        object.__setattr__(self, "weight", weight)
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A node that shall follow its target.
+
+    Its part of the cost is `weight` times the sum of losses of (node - target) / scale. `loss` is `square`, `huber` or
+    `soft_l1`, the latter two with their `delta` in units of the scale; or `excess`, the square above the target alone.
+    The loss of a sample is multiplied by its value of the channel `weight_channel`, where one is named, and by the
+    weight of each region that it lies in.
+
+    >>> Criterion("TorquePredict", "Torque").target
+    Target(kind='name', name='Torque', value=0.0)
+    """
+
+    node: str
+    target: Target
+    weight: float = 1.0
+    loss: Loss = "square"
+    delta: float = 1.0
+    scale: float = 1.0
+    weight_channel: str = ""
+    regions: tuple[Region, ...] = ()
+
+    @property
+    def internal(self) -> bool:
+        """Whether it stands for something else, such as a limit: its node has a name that no formula text can have."""
+        return self.node.startswith("\0")
+
+    def __init__(
+        self,
+        node: str,
+        target: Target | str | float,
+        weight: float = 1.0,
+        loss: Loss = "square",
+        delta: float = 1.0,
+        scale: float = 1.0,
+        weight_channel: str = "",
+        regions: Sequence[Region] = (),
+    ) -> None:
+        if loss not in get_args(Loss):
+            raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber, soft_l1 or excess")
+        owner = f"the criterion on {node}"
+        numbers = {
+            "weight": number(weight, "weight", owner, least=0),
+            "delta": number(delta, "delta", owner, above=0),
+            "scale": number(scale, "scale", owner, above=0),
+        }
+        samples = {"loss": loss, "weight_channel": weight_channel, "regions": tuple(regions)}
+        for name, given in ({"node": node, "target": Target.of(target)} | numbers | samples).items():
+            object.__setattr__(self, name, given)

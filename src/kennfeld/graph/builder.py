@@ -1,0 +1,150 @@
+"""Builds the graph of one time step: equal nodes become one, constants are folded, memories may close later."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Self
+
+from kennfeld.graph.node import Graph, Node, State, extract
+from kennfeld.graph.operations import OPERATIONS
+
+__all__ = ["GraphBuilder"]
+
+# operation -> (constant on the right that leaves the left operand, constant on the left that leaves the right one)
+_NEUTRAL: dict[str, tuple[float | None, float | None]] = {
+    "add": (0.0, 0.0),
+    "sub": (0.0, None),
+    "mul": (1.0, 1.0),
+    "guard": (1.0, 1.0),
+    "div": (1.0, None),
+    "pow": (1.0, None),
+}
+
+
+class GraphBuilder:
+    """Collects nodes; equal ones become one, constants are folded.
+
+    >>> b = GraphBuilder()
+    >>> x = b.input("x")
+    >>> b.call("mul", x, b.const(2.0)) == b.call("mul", x, b.const(2.0))
+    True
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.states: list[State] = []
+        self._index: dict[tuple[Any, ...], int] = {}
+        self._open: list[tuple[int, Callable[[int], tuple[int, int]]]] = []
+
+    @classmethod
+    def of(cls, graph: Graph) -> Self:
+        """A builder that goes on from a graph; its nodes keep their numbers."""
+        made = cls()
+        for op, args, payload in graph.nodes:
+            made.node(op, args, payload)
+        made.states.extend(graph.states)
+        return made
+
+    def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
+        """The number of this node, made where it does not exist yet."""
+        key = (op, args, payload.hex() if isinstance(payload, float) else payload)
+        found = self._index.get(key)
+        if found is None:
+            found = self._index[key] = len(self.nodes)
+            self.nodes.append(Node(op, args, payload))
+        return found
+
+    def const(self, value: float) -> int:
+        """A constant."""
+        return self.node("const", (), math.nan if math.isnan(value) else float(value))  # one NaN, so that == holds
+
+    def input(self, name: str) -> int:
+        """A channel of the measurement."""
+        return self.node("input", (), name)
+
+    def lookup(self, parameter: str, *coordinates: int) -> int:
+        """The value of a scalar, or of a table at these coordinates."""
+        return self.node("lookup", coordinates, parameter)
+
+    def call(self, op: str, *args: int) -> int:
+        """An elementwise operation of `OPERATIONS`; constants are folded, neutral elements dropped."""
+        if op == "select" and self.nodes[args[0]].op == "const":
+            return args[1] if self.nodes[args[0]].payload else args[2]
+        if all(self.nodes[a].op == "const" for a in args):
+            return self.const(OPERATIONS[op].evaluate(*(self.nodes[a].payload for a in args)))
+        return self._neutral(op, args) if op in _NEUTRAL else self.node(op, args)
+
+    def _neutral(self, op: str, args: tuple[int, ...]) -> int:
+        left, right, left_stays, right_stays = args[0], args[-1], *_NEUTRAL[op]
+        if self._is(right, left_stays):
+            return left
+        if self._is(left, right_stays):
+            return right
+        return self.node(op, args)
+
+    def _is(self, node: int, value: float | None) -> bool:
+        return value is not None and self.nodes[node].op == "const" and bool(self.nodes[node].payload == value)
+
+    def state(self, latency: int = 1) -> int:
+        """A memory to be read now; `close` says what it holds."""
+        self.states.append(State(-1, -1, latency))
+        return self.node("state", (), len(self.states) - 1)
+
+    def close(self, state: int, init: int, next: int) -> None:  # noqa: A002
+        """Complete the memory that node `state` reads."""
+        which = self.nodes[state].payload
+        self.states[which] = State(init, next, self.states[which].latency)
+
+    def prev(self, x: int, init: int, latency: int = 1) -> int:
+        """`x` of `latency` steps before, `init` of the first sample until then."""
+        key = ("prev", x, init, latency)
+        if key not in self._index:
+            made = self.state(latency)
+            self.close(made, init, x)
+            self._index[key] = made
+        return self._index[key]
+
+    def finish(
+        self,
+        names: Mapping[str, int],
+        units: Mapping[str, str] | None = None,
+        outputs: Sequence[str] = (),
+    ) -> Graph:
+        """The graph of the named nodes and what they need, with canonical numbers."""
+        return extract(self.nodes, self.states, names, units or {}, outputs)
+
+    def remember(self, init: int, then: Callable[[int], int], latency: int = 1) -> int:
+        """A new memory as read now; `then` maps it to what it holds next, and is asked in `settle`."""
+        return self._opened(lambda read: (init, then(read)), latency)
+
+    def remember_input(self, x: Callable[[], int], otherwise: float, latency: int) -> int:
+        """A memory of x that starts with the first x, or `otherwise` where the first x needs this memory."""
+
+        def held(read: int) -> tuple[int, int]:
+            node = x()
+            return (self.const(otherwise) if self._needs(node, read) else node), node
+
+        return self._opened(held, latency)
+
+    def _opened(self, held: Callable[[int], tuple[int, int]], latency: int) -> int:
+        read = self.state(latency)
+        self._open.append((read, held))
+        return read
+
+    def _needs(self, node: int, other: int) -> bool:
+        """Whether a node is computed from another one within the step."""
+        seen, stack = {node}, [node]
+        while stack:
+            args = [a for a in self.nodes[stack.pop()].args if a not in seen]
+            seen.update(args)
+            stack += args
+        return other in seen
+
+    def settle(self) -> None:
+        """Complete all memories; completing one may open further ones."""
+        while self._open:
+            read, held = self._open.pop()
+            self.close(read, *held(read))
+
+    def value(self, node: int) -> float | None:
+        """The value of a constant node."""
+        return float(self.nodes[node].payload) if self.nodes[node].op == "const" else None

@@ -1,0 +1,123 @@
+"""Lookups made explicit for a given set of parameters: search the axes once, then interpolate.
+
+Axes with equal breakpoints become one, so that tables over the same axes share their searches.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+from kennfeld.arrays import Float
+from kennfeld.errors import ArgumentError
+from kennfeld.free_axes import AxisKey, free_axes, key_of
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.node import Graph, Node
+from kennfeld.graph.traversal import dependent, rewrite
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Extrapolation, Parameter
+from kennfeld.rbf import RBF
+
+__all__ = ["AxisRef", "ExpansionRef", "Free", "Lowered", "TableRef", "enters", "lower"]
+
+Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
+
+
+class AxisRef(NamedTuple):
+    """An axis of the lowered graph, and what lies beyond its ends; `key` names it where its breakpoints may move."""
+
+    number: int
+    extrapolation: Extrapolation
+    key: AxisKey | None = None
+
+
+class TableRef(NamedTuple):
+    """A table, its axes, and which of them are smoothed."""
+
+    name: str
+    axes: tuple[AxisRef, ...]
+    smoothed: tuple[bool, ...]
+
+
+class ExpansionRef(NamedTuple):
+    """A parameter of kind rbf, and how many inputs and centres it has."""
+
+    name: str
+    inputs: int
+    centres: int
+
+
+@dataclass(frozen=True)
+class Lowered:
+    """A graph whose lookups are `position` and `interpolate`, and the breakpoints of the axes it searches.
+
+    Breakpoints that may move are values like those of the tables; here stands where they start.
+    """
+
+    graph: Graph
+    axes: tuple[Float, ...]
+    shapes: Mapping[str, tuple[int, ...]]
+
+
+def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) -> Lowered:
+    """The graph with its lookups resolved on the axes of `parameters`.
+
+    Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are marked as
+    smoothed: their lookups take the coordinate itself. Free axes are not smoothed. Raises `ArgumentError` where a table
+    has another number of axes than the graph gives it coordinates.
+    """
+    _check(graph, parameters)
+    axes: dict[bytes | AxisKey, int] = {}
+    kept: list[Float] = []
+    movable = free_axes(parameters)
+
+    def axis_ref(parameter: Parameter, which: int) -> AxisRef:
+        points = parameter.index_axes[which].breakpoints
+        key = key_of(parameter, which) if parameter.axes else None
+        key = key if key in movable else None
+        number = axes.setdefault(key or points.tobytes(), len(kept))
+        if number == len(kept):
+            kept.append(points)
+        return AxisRef(number, parameter.extrapolation, key)
+
+    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in smooth, through_states=False)
+
+    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
+        op, old, payload = graph.nodes[at]
+        if op != "lookup":
+            return b.call(op, *args) if args else b.node(op, args, payload)
+        parameter = parameters[payload]
+        if isinstance(parameter, RBF):
+            return b.node("expansion", args, ExpansionRef(payload, parameter.coordinates, parameter.centres))
+        refs = tuple(axis_ref(parameter, i) for i in range(len(args)))
+        smoothed = tuple(
+            a in moving and ref.key is None and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True)
+        )
+        places = tuple(
+            x if soft else b.node("position", (x,), ref) for x, ref, soft in zip(args, refs, smoothed, strict=True)
+        )
+        return b.node("interpolate", places, TableRef(payload, refs, smoothed))
+
+    shapes = {name: parameters[name].values.shape for name in graph.parameters}
+    return Lowered(rewrite(graph, resolve), tuple(kept), MappingProxyType(shapes))
+
+
+def _check(graph: Graph, parameters: ParameterSet) -> None:
+    for name, count in dict.fromkeys((n.payload, len(n.args)) for n in graph.nodes if n.op == "lookup"):
+        if name not in parameters:
+            raise ArgumentError(f"the function looks up {name}, which is no parameter of the set")
+        given = parameters[name].coordinates
+        if given != count:
+            has = "inputs" if isinstance(parameters[name], RBF) else "axes"
+            raise ArgumentError(f"the function gives {name} {count} coordinates, but it has {given} {has}")
+
+
+def enters(node: Node, free: Free) -> bool:
+    """Whether free values enter a step at this node: values of a table, or breakpoints of an axis.
+
+    >>> enters(Node("position", (0,), AxisRef(0, "clip", AxisKey("AxisSpeed"))), [AxisKey("AxisSpeed")])
+    True
+    """
+    if node.op == "position":
+        return node.payload.key is not None and node.payload.key in free
+    return node.op in ("interpolate", "expansion") and node.payload.name in free

@@ -1,0 +1,94 @@
+"""What depends on the data alone, cut off from the rest so that it is computed once, not once an iteration."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.lookup_lowering import Free, enters
+from kennfeld.graph.node import Graph, extract
+from kennfeld.graph.operations import OPERATIONS
+from kennfeld.graph.traversal import dependent, rewrite
+
+__all__ = ["Split", "split"]
+
+_COST = {
+    "const": 0,
+    "input": 1,
+    "state": 1000,
+    "div": 4,
+    "select": 1,
+    "position": 10,
+    "interpolate": 10,
+    "expansion": 1000,
+}
+_CHEAP = {"add", "sub", "mul", "neg", "min", "max", "abs", "not", "and", "or", "lt", "le", "gt", "ge", "eq", "ne"}
+_WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
+
+
+@dataclass(frozen=True)
+class Split:
+    """The part of a graph that depends on free parameters, and the columns it now reads.
+
+    `columns` maps the name of each new input to the node of the old graph that it holds; `prepared` is the part of the
+    old graph that computes them.
+    """
+
+    graph: Graph
+    columns: Mapping[str, int]
+    prepared: Graph
+
+
+def split(graph: Graph, outputs: Collection[str], free: Free) -> Split:
+    """Cut a lowered graph, reduced to `outputs`, where values that no free parameter touches enter the rest.
+
+    Searches in an axis belong to the rest: the cell of the sample before is mostly that of the next, so that a column
+    of each would cost more memory than it saves time.
+
+    >>> b = Builder()
+    >>> slow = b.call("exp", b.input("x"))
+    >>> y = b.call("mul", slow, b.node("interpolate", (), type("T", (), {"name": "K"})))
+    >>> sorted(split(b.finish({"y": y}), ["y"], ["K"]).columns)
+    ['#0']
+    """
+    live = dependent(graph, lambda node: enters(node, free))
+    kept = live | {at for at, node in enumerate(graph.nodes) if node.op == "position"}
+    used = _entering(graph, [graph.names[name] for name in outputs], kept)
+    costs = _costs(graph)
+    columns = {f"#{i}": at for i, at in enumerate(sorted(a for a in used - kept if costs[a] > _WORTH))}
+    name_of = {at: name for name, at in columns.items()}
+
+    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
+        op, _, payload = graph.nodes[at]
+        if at in name_of:
+            return b.input(name_of[at])
+        return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
+
+    reduced = Graph(
+        graph.nodes, {name: graph.names[name] for name in outputs}, graph.states, graph.units, tuple(outputs)
+    )
+    prepared = extract(graph.nodes, graph.states, columns, {}, ())
+    return Split(rewrite(reduced, resolve), columns, prepared)
+
+
+def _entering(graph: Graph, roots: Collection[int], kept: Collection[int]) -> set[int]:
+    """The nodes that the kept part of the roots reads, the roots themselves included."""
+    seen = set(roots)
+    stack = list(seen)
+    while stack:
+        at = stack.pop()
+        if at not in kept:
+            continue
+        op, args, payload = graph.nodes[at]
+        needs = (graph.states[payload].init, graph.states[payload].next) if op == "state" else args
+        stack.extend(a for a in needs if a not in seen)
+        seen.update(needs)
+    return seen
+
+
+def _costs(graph: Graph) -> list[int]:
+    """Roughly the operations that each node costs from the inputs on; shared ones count each time."""
+    costs: list[int] = []
+    for op, args, _ in graph.nodes:
+        own = 1 if op in _CHEAP else _COST.get(op, 10)
+        costs.append(min(own + sum(costs[a] for a in args), 1000))
+    return costs

@@ -1,0 +1,93 @@
+"""A model compiled for one set of free parameters: cost, gradient and Gauss-Newton matrix as native functions."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.lookup_lowering import Free
+from kennfeld.graph.node import Node
+from kennfeld.parameter_set import ParameterSet
+
+__all__ = ["Values", "order_values"]
+
+
+@dataclass(frozen=True)
+class Values:
+    """All values of the looked-up parameters in one array: those of free parameters first, as columns of J.
+
+    Parameters that can reach a state come before the others; `reach` counts their values. Breakpoints of axes marked as
+    free stand among them, at `moving`; `places` says in which table and direction each such axis is found.
+    """
+
+    offsets: dict[str, int]
+    free: int
+    reach: int
+    total: int
+    moving: Mapping[AxisKey, int] = field(default_factory=dict)
+    places: Mapping[AxisKey, tuple[str, int]] = field(default_factory=dict)
+
+    def pack(self, parameters: ParameterSet) -> Float:
+        """The array that holds these parameters."""
+        flat = np.empty(self.total)
+        for name, at in self.offsets.items():
+            table = parameters[name]
+            flat[at : at + table.size] = table.values.ravel() if at < self.free else table.packed
+        for key, at in self.moving.items():
+            points = self._points(key, parameters)
+            flat[at : at + points.size] = points
+        return flat
+
+    def _points(self, key: AxisKey, parameters: ParameterSet) -> Float:
+        table, which = self.places[key]
+        return parameters[table].axes[which].breakpoints
+
+    def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
+        """The set with the free values and breakpoints replaced."""
+        changed = [
+            parameters[name].with_values(flat[at : at + parameters[name].size])
+            for name, at in self.offsets.items()
+            if at < self.free
+        ]
+        moved = self.breakpoints(flat, parameters)
+        return with_breakpoints(parameters.with_parameters(*changed), moved)
+
+    def breakpoints(self, flat: Float, parameters: ParameterSet) -> dict[AxisKey, Float]:
+        """The free breakpoints of each axis."""
+        free = {key: at for key, at in self.moving.items() if at < self.free}
+        return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
+
+
+def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> Values:
+    """Offsets of the parameters, and of the axes marked as free, in the array of values."""
+    states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
+    reaching = {_owner(line.nodes[at]) for row in states for at in row if at not in line.seeds}
+    searched = (n.payload.key for n in line.nodes if n.op in ("position", "density"))
+    axes = free_axes(parameters)
+    sizes: dict[str | AxisKey, int] = {name: parameters[name].size for name in used}
+    sizes |= {key: len(axes[key].axis) for key in searched if key is not None}
+    groups = [
+        [n for n in sizes if n in free and n in reaching],
+        [n for n in sizes if n in free and n not in reaching],
+        [n for n in sizes if n not in free],
+    ]
+    first: dict[str | AxisKey, int] = {}
+    ends, at = [], 0
+    for group in groups:
+        for name in group:
+            first[name] = at
+            at += sizes[name]
+        ends.append(at)
+    offsets = {name: at for name, at in first.items() if isinstance(name, str)}
+    moving = {key: at for key, at in first.items() if not isinstance(key, str)}
+    places = {key: axes[key].places[0] for key in moving}
+    return Values(offsets, free=ends[1], reach=ends[0], total=at, moving=moving, places=places)
+
+
+def _owner(atom: Node) -> str | AxisKey:
+    """The parameter or axis whose values enter at an atom."""
+    owner: str | AxisKey = atom.payload.key if atom.op == "position" else atom.payload.name
+    return owner

@@ -1,0 +1,14 @@
+"""Walks over syntax trees."""
+
+from kennfeld.matlab import syntax as m
+
+__all__ = ["way_of"]
+
+
+def way_of(tree: m.Expression) -> list[str] | None:
+    """The names of `a.b.c`; None where it begins with something else."""
+    names: list[str] = []
+    while isinstance(tree, m.Field):
+        names.append(tree.name)
+        tree = tree.of
+    return [tree.name, *reversed(names)] if isinstance(tree, m.Name) else None

@@ -1,0 +1,154 @@
+"""How a text file is written: encoding, separator and decimal mark, found from its first lines."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kennfeld.errors import InputError
+from kennfeld.measurement.cells import Decimal, number
+from kennfeld.measurement.header import Header, find_header
+from kennfeld.measurement.table import is_mark
+from kennfeld.measurement.unit_text import looks_like_unit
+
+__all__ = ["Dialect", "find_dialect", "is_comment", "split"]
+
+ALONE = "\x1f"  # stands for: one column, no separator
+_SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
+_COMMENT = re.compile(r"\s*(?:#(?!n/?a\b)|//|%)", re.IGNORECASE)
+_NAMES = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks", ALONE: "none"}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The way a text file is written. Lines are counted from 0 here."""
+
+    encoding: str
+    separator: str
+    decimal: Decimal
+    decimal_seen: bool  # whether a number with that mark was met
+    header: Header
+    repeated: frozenset[str] = frozenset()  # lines that are no rows wherever they stand: names and units once more
+
+    @property
+    def details(self) -> tuple[tuple[str, str], ...]:
+        """What `kennfeld info` says of it."""
+        return (
+            ("encoding", self.encoding),
+            ("separator", _NAMES[self.separator]),
+            ("decimal mark", {".": "point", ",": "comma"}[self.decimal]),
+            ("names in line", str(self.header.row + 1)),
+        )
+
+
+def is_comment(line: str) -> bool:
+    """Whether the line is a comment (#, %, //).
+
+    >>> is_comment("# made by hand"), is_comment("#N/A;1")
+    (True, False)
+    """
+    return _COMMENT.match(line) is not None
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The cells of a line; quotes hold a cell together.
+
+    >>> split('"Speed; [rpm]";1;', ";")
+    ['Speed; [rpm]', '1', '']
+    """
+    if separator == " ":
+        line = line.replace("\t", " ").strip()
+    if '"' not in line:
+        return line.split() if separator == " " else line.split(separator)
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return line.split(separator)
+
+
+def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
+    """The dialect of a file that begins with these lines; `InputError` where no table can be seen."""
+    best: tuple[tuple[int, int], Dialect] | None = None
+    lines = _joined(lines)
+    for separator in _SEPARATORS:
+        if separator != ALONE and not any(separator in line for line in lines):
+            continue
+        rows = [[] if is_comment(line) or is_mark(line, separator) else split(line, separator) for line in lines]
+        for decimal in _decimals(separator, lines):
+            scored = _scored(rows, separator, decimal, encoding, lines)
+            if scored is not None and (best is None or scored[0] > best[0]):
+                best = scored
+    if best is None or best[0][0] <= 0:
+        raise _no_table(place, lines)
+    return best[1]
+
+
+def _joined(lines: Sequence[str]) -> list[str]:
+    """The lines with each cell that runs over several of them on the last one; line numbers stay."""
+    joined, held = [], ""
+    for i, line in enumerate(lines):
+        whole = held + line
+        closes = any(later.count('"') % 2 for later in lines[i + 1 : i + 5])
+        held = f"{whole} " if whole.count('"') % 2 and closes else ""
+        joined.append("" if held else whole)
+    return joined
+
+
+def _decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
+    return (".", ",") if separator != "," and any("," in line for line in lines) else (".",)
+
+
+def _scored(
+    rows: list[list[str]], separator: str, decimal: Decimal, encoding: str, lines: Sequence[str]
+) -> tuple[tuple[int, int], Dialect] | None:
+    """How well the lines read this way; of two that read as well the one with the first header wins.
+
+    Numbers count for it, text among numbers and rows of another length against it.
+    """
+    header = find_header(rows, decimal) or _commented_header(rows, separator, decimal, lines)
+    if header is None:
+        return None
+    above = rows[: header.data]  # which a log that was restarted repeats
+    data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
+    found = [[None if not cell.strip() else number(cell, decimal) for cell in row] for row in data]
+    numeric = {i for values in found for i, value in enumerate(values) if value is not None}
+    score, seen = 0, False
+    for row, values in zip(data, found, strict=True):
+        odd = len(row) < header.width or any(cell.strip() for cell in row[len(header.names) :])
+        texts = sum(value is None and i in numeric and bool(row[i].strip()) for i, value in enumerate(values))
+        score += len(values) - values.count(None) - 2 * texts - 3 * odd
+        seen = seen or any(value is not None and decimal in cell for cell, value in zip(row, values, strict=True))
+    return (score, -header.row), Dialect(encoding, separator, decimal, seen, header)
+
+
+def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:
+    """Names that stand in a comment right above the numbers, as numpy writes them."""
+    first = next((i for i, row in enumerate(rows) if any(cell.strip() for cell in row)), 0)
+    begin = first
+    while begin > max(first - 3, 0) and is_comment(lines[begin - 1]):
+        begin -= 1
+    above = [split(line.strip().lstrip("#%/").strip(), separator) for line in lines[begin:first]]
+    for k in range(len(above) - 1, -1, -1):  # units may stand below the names, in a comment as well
+        found = find_header([*([] for _ in range(begin + k)), *above[k:], *rows[first:]], decimal)
+        if found is not None and (k == 0 or not all(map(looks_like_unit, above[k]))):
+            return found
+    return None
+
+
+def _no_table(place: str, lines: Sequence[str]) -> InputError:
+    filled = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not is_comment(line)]
+    if not filled:
+        return InputError.of(place, "the file is empty", "Export the measurement anew.")
+    with_digits = [(i, line) for i, line in filled if _starts_as_number(line)]
+    if not with_digits:
+        what = (
+            "there are names but no row of numbers below them" if len(filled) <= 3 else "there is no table of numbers"
+        )
+        return InputError.of(f"{place} line {filled[0][0]}", what, "Export the measurement anew, or name another file.")
+    mend = "Put a line with the names of the channels above the numbers."
+    return InputError.of(f"{place} line {with_digits[0][0]}", "the numbers have no header with channel names", mend)
+
+
+def _starts_as_number(line: str) -> bool:
+    first = re.split(r"[;,\t| ]", line.strip().strip('"'), maxsplit=1)[0]
+    return number(first.strip('"')) is not None and bool(re.search(r"\d", first))

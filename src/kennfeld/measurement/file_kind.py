@@ -1,0 +1,217 @@
+"""What kind of file this is, told by its content; the file's name is never trusted."""
+
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+
+from kennfeld.errors import InputError
+from kennfeld.formatting import nearest
+
+__all__ = ["Kind", "Source", "guarded", "kind_of", "locate"]
+
+_T = TypeVar("_T")
+_BOMS = (b"\xff\xfe", b"\xfe\xff")
+
+
+class Kind(Enum):
+    """A kind of file, by the name a message gives it."""
+
+    CSV = "CSV"
+    EXCEL = "Excel"
+    PARQUET = "Parquet"
+    MDF = "MDF"
+    MLG = "MLG"
+    MSL = "MSL"
+    HPTUNERS = "HP Tuners"
+    LVM = "LabVIEW"
+    MATLAB = "MATLAB data"
+    HDF5 = "HDF5"
+    MODEL = "Simulink model"
+    FMU = "FMU"
+    DCM = "DCM calibration"
+    CVX = "CVX calibration"
+    A2L = "A2L"
+    XML = "XML"
+    HTML = "HTML"
+    JSON = "JSON"
+    PDF = "PDF"
+    ZIP = "ZIP archive"
+    PACKED = "packed"
+    OTHER = "binary"
+
+
+_MAGIC = (
+    (b"PAR1", Kind.PARQUET),
+    (b"MDF     ", Kind.MDF),
+    (b"UnFinMF", Kind.MDF),
+    (b"MLVLG", Kind.MLG),
+    (b"MATLAB 5.0 MAT-file", Kind.MATLAB),
+    (b"MATLAB 7.", Kind.MATLAB),
+    (b"\x89HDF\r\n", Kind.HDF5),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", Kind.EXCEL),
+    (b"%PDF", Kind.PDF),
+    (b"\x28\xb5\x2f\xfd", Kind.PACKED),
+    (b"BZh", Kind.PACKED),
+    (b"\xfd7zXZ", Kind.PACKED),
+    (b"7z\xbc\xaf", Kind.PACKED),
+)
+_WORDS = (
+    (b"<?xml", Kind.XML),
+    (b"<!doctype html", Kind.HTML),
+    (b"<html", Kind.HTML),
+    (b"calibration values v", Kind.CVX),
+    (b"asap2_version", Kind.A2L),
+    (b"konservierung_format", Kind.DCM),
+    (b"hp tuners csv log file", Kind.HPTUNERS),
+    (b"labview measurement", Kind.LVM),
+    (b"{", Kind.JSON),
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file on disk, its kind, and the part of it that is asked for."""
+
+    path: Path
+    kind: Kind
+    packed: bool = False  # gzip
+    sheet: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name, as messages give it."""
+        return self.path.name
+
+    @property
+    def stem(self) -> str:
+        """The name without endings: that of the dataset."""
+        return Path(self.path.stem).stem if self.packed and self.path.suffix == ".gz" else self.path.stem
+
+    @property
+    def size(self) -> int:
+        """Bytes of content; of a packed file, what its last four bytes say."""
+        if not self.packed:
+            return self.path.stat().st_size
+        with self.path.open("rb") as file:
+            file.seek(-4, 2)
+            return int.from_bytes(file.read(4), "little")
+
+    def open(self) -> BinaryIO:
+        """The content, unpacked."""
+        if self.packed:
+            import gzip
+
+            return gzip.open(self.path, "rb")  # type: ignore[return-value]
+        return self.path.open("rb")
+
+
+def locate(path: str | Path, sheet: str | None = None) -> Source:
+    """The file at `path`, which may name a sheet behind a `#`; `InputError` where there is none.
+
+    >>> locate("no such folder/bench.csv")
+    Traceback (most recent call last):
+    kennfeld.errors.InputError: no such folder/bench.csv: there is no such file. Check the path: the folder is missing.
+    """
+    file = Path(path)
+    if sheet is None and "#" in file.name and not file.exists():
+        whole, _, sheet = str(path).rpartition("#")
+        file = Path(whole)
+    if not file.exists():
+        raise InputError.of(str(file), "there is no such file", _near(file))
+    if file.is_dir():
+        raise InputError.of(str(file), "this is a folder", "Name a file in it.")
+    kind, packed = kind_of(file)
+    return Source(file, kind, packed, sheet or None)
+
+
+def _near(file: Path) -> str:
+    if not file.parent.is_dir():
+        return "Check the path: the folder is missing."
+    return nearest(file.name, (other.name for other in file.parent.iterdir())) or "Check the path."
+
+
+def guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
+    """Run `work` on a file; what the system or a packed file throws becomes an `InputError`."""
+    try:
+        return work()
+    except (EOFError, zlib.error):
+        pass
+    except OSError as error:
+        if type(error).__name__ != "BadGzipFile":  # of a module that most runs do not need
+            what = f"cannot be read ({error.strerror or error})"
+            raise InputError.of(name, what, "Check the file.") from None
+    raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.")
+
+
+def kind_of(file: Path) -> tuple[Kind, bool]:
+    """The kind of a file and whether it is packed by gzip. Raises `InputError` if it cannot be read."""
+    return guarded(file.name, lambda: _kind_of(file))
+
+
+def _kind_of(file: Path) -> tuple[Kind, bool]:
+    with file.open("rb") as stream:
+        start = stream.read(4096)
+    if start.startswith(b"\x1f\x8b"):
+        import gzip
+
+        with gzip.open(file) as stream:
+            return _kind(stream.read(4096)), True
+    return (_zip_kind(file) if start.startswith(b"PK\x03\x04") else _kind(start)), False
+
+
+def _kind(start: bytes) -> Kind:
+    for magic, kind in _MAGIC:
+        if start.startswith(magic):
+            return kind
+    if start.startswith(_BOMS):
+        return Kind.CSV
+    if b"\0" in start:
+        return Kind.MATLAB if _is_matlab_4(start) else Kind.OTHER
+    words = start.removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    for word, kind in _WORDS:
+        if words.startswith(word):
+            return kind
+    if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
+        return Kind.DCM
+    return Kind.MSL if _is_log(words) else Kind.CSV
+
+
+def _is_matlab_4(start: bytes) -> bool:
+    """Whether an array of MATLAB's version 4 begins here: that version has no mark of its own."""
+    for order in ("<", ">"):
+        kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", start[:20].ljust(20, b"\0"))
+        name = start[20 : 20 + max(length, 1)]
+        sizes = rows >= 0 and columns >= 0 and imaginary in (0, 1) and 2 <= length <= 64
+        if kind // 1000 == (order == ">") and kind % 1000 // 10 in range(6) and kind % 10 < 3 and sizes:
+            return name.endswith(b"\0") and name[:-1].decode("latin-1").isidentifier()
+    return False
+
+
+def _is_log(words: bytes) -> bool:
+    """Whether lines of information in quotes stand above names that begin with the time, with tabs between them."""
+    lines = words.splitlines()
+    quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
+    return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
+
+
+def _zip_kind(file: Path) -> Kind:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            members = set(archive.namelist())
+            mime = archive.read("mimetype")[:80] if "mimetype" in members else b""
+    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, EOFError, ValueError):
+        raise InputError.of(
+            file.name,
+            "this ZIP archive (an Excel file, perhaps) is damaged or cut off",
+            "Copy it anew from its source.",
+        ) from None
+    if b"opendocument.spreadsheet" in mime or any(member.startswith("xl/workbook") for member in members):
+        return Kind.EXCEL
+    if "simulink/blockdiagram.xml" in members or "simulink/blockDiagram.json" in members:
+        return Kind.MODEL
+    return Kind.FMU if "modelDescription.xml" in members else Kind.ZIP

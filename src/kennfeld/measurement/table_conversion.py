@@ -1,0 +1,239 @@
+"""From the table of a file to a dataset, with every finding at once.
+
+What `kennfeld info` says of a measurement file.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset, concatenate
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.measurement.cells import shown
+from kennfeld.measurement.resampling import grid, resample_all, samples_on
+from kennfeld.measurement.table import Column, Selection, Table, text_findings, without_infinite
+from kennfeld.measurement.time_column import clock_of, find_time, merge, pieces, seconds, time_findings, unit_remedy
+
+__all__ = [
+    "ChannelDescription",
+    "Description",
+    "TableDescription",
+    "TimeDescription",
+    "assemble",
+    "checked",
+    "described",
+    "frozen",
+]
+
+_MOST = 500_000_000  # values of a resampled dataset, 4 GB
+
+
+def assemble(table: Table, name: str, selection: Selection, raster: float | None = None) -> Dataset:
+    """The dataset in a table; `InputError` with all that is wrong in the columns it needs."""
+    time, channels = checked(table, selection, raster)
+    if time is None:
+        made = tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels)
+        return Dataset(name, made, remarks=table.remarks)
+    stamps = seconds(time)
+    parts = [_piece(name, stamps[k], channels, k, raster) for k in pieces(table, stamps)]
+    whole = parts[0] if len(parts) == 1 else concatenate(name, parts)
+    return replace(whole, clock=clock_of(time), remarks=table.remarks)
+
+
+def _piece(name: str, time: Float, channels: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
+    stamps, values = merge(time, [c.values[piece] for c in channels])
+    if raster is not None:
+        even = grid(stamps, raster)
+        stamps, values = even, resample_all(stamps, values, even, [c.held for c in channels])
+    made = (Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(channels, values, strict=True))
+    return Dataset(name, tuple(made), frozen(stamps))
+
+
+def frozen(values: Float) -> Float:
+    """The values, read-only in place, so that the domain types need no copy; the arrays are ours alone."""
+    if values.flags.writeable:
+        values.setflags(write=False)
+    return values
+
+
+def checked(table: Table, selection: Selection, raster: float | None = None) -> tuple[Column | None, list[Column]]:
+    """The time column, if any, and the channels; `InputError` with all findings."""
+    time = find_time(table, selection.channels or ())
+    channels = [c for c in table.columns if selection.includes(c.name) and _is_channel(c, time, selection)]
+    found = [*table.findings, *_missing(table, selection), *_twice(table, channels)]
+    needed = channels if time is None or time in channels else [time, *channels]
+    found += text_findings(table, needed)
+    if not channels and not found and selection.channels is None:
+        found.append(Finding(table.place, "holds no column of numbers beside time", "Is it the right file?"))
+    if time is not None:
+        found += _time_findings(table, time, raster, len(channels))
+    elif raster is not None:
+        found.append(_no_time(table, raster))
+    if found:
+        raise InputError(found)
+    return time, channels
+
+
+def _is_channel(column: Column, time: Column | None, selection: Selection) -> bool:
+    if column is time or column.dated:
+        return selection.channels is not None
+    return not column.is_text
+
+
+def _missing(table: Table, selection: Selection) -> list[Finding]:
+    """Channels that were asked for and are not there, or hold text."""
+    found = []
+    by_name = {column.name: column for column in table.columns}
+    names = [name for name in table.names if name]
+    for name in selection.channels or ():
+        if name not in names:
+            listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+            found.append(Finding(table.place, f"has no channel {name}", nearest(name, names) or f"It has {listed}."))
+        elif name in by_name and by_name[name].is_text:
+            column = by_name[name]
+            sample, cell = column.texts[0]
+            mend = "Choose another channel, or replace the text by numbers."
+            found.append(Finding(table.at(sample, column), f"the column holds text, such as {shown(cell)}", mend))
+    return found
+
+
+def _twice(table: Table, channels: Sequence[Column]) -> list[Finding]:
+    groups: dict[str, list[Column]] = {}
+    for column in channels:
+        groups.setdefault(column.name, []).append(column)
+    return [
+        Finding(table.place, f"{len(group)} columns are called {name}", "Rename or remove all but one.")
+        for name, group in groups.items()
+        if len(group) > 1
+    ]
+
+
+def _time_findings(table: Table, column: Column, raster: float | None, channels: int) -> list[Finding]:
+    time = seconds(column)
+    found = time_findings(table, column, time)
+    if found or raster is None or not time.size:
+        return found
+    points = sum(samples_on(time[piece], raster) for piece in pieces(table, time))
+    if points <= 1000.0 * time.size + 1e6 and points * max(channels, 1) <= _MOST:
+        return []
+    widest = int(np.argmax(np.diff(time))) + 1
+    what = f"raster={raster:g} s would make {points:.3g} samples of {time.size}; the longest gap ends here"
+    mend = "Choose a coarser raster, or correct the time stamp."
+    if clock_of(column).in_milliseconds:
+        what += "; the time stamps look like milliseconds"
+        mend = unit_remedy(column.name)
+    return [Finding(table.at(widest, column), what, mend)]
+
+
+def _no_time(table: Table, raster: float) -> Finding:
+    text = next((c for c in table.columns if c.is_text and c.texts and "time" in c.name.casefold()), None)
+    what = f"raster={raster:g} s needs a time column, and there is none"
+    if text is not None:
+        what += f": {text.name} holds text, such as {shown(text.texts[0][1])}"
+    return Finding(table.place, what, "Call it time, in seconds, or leave the raster out for steady-state points.")
+
+
+@dataclass(frozen=True)
+class ChannelDescription:
+    """One channel; minimum and maximum are None where it has no value at all.
+
+    `rate` is how often it has a value, in Hz, by the median time between two of them; None where there is no time.
+    """
+
+    name: str
+    unit: str
+    samples: int
+    nan_share: float
+    minimum: float | None
+    maximum: float | None
+    description: str = ""
+    rate: float | None = None
+
+
+@dataclass(frozen=True)
+class TimeDescription:
+    """The time of a table in seconds; `step` is the median one, None for a single sample."""
+
+    channel: str
+    begin: float
+    end: float
+    step: float | None
+
+
+@dataclass(frozen=True)
+class TableDescription:
+    """One sheet, table or raster; `left_out` names the columns that hold no numbers, `ambiguous` those of several."""
+
+    name: str
+    samples: int
+    channels: tuple[ChannelDescription, ...]
+    time: TimeDescription | None
+    left_out: tuple[str, ...]
+    details: dict[str, str]
+    ambiguous: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a measurement file holds."""
+
+    file: str
+    kind: str
+    tables: tuple[TableDescription, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain dicts, lists, numbers and text, ready for JSON."""
+        return asdict(self)
+
+
+def described(table: Table) -> TableDescription:
+    """The description of one table."""
+    table = without_infinite(table)
+    time = find_time(table)
+    channels = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
+    kept = {c.name for c in channels}
+    stamps = None if time is None else seconds(time)
+    details = dict(table.details)
+    group = details.pop("group", "")
+    if time is not None and (parts := len(pieces(table, seconds(time)))) > 1:
+        details["pieces"] = f"{parts}, for its time starts anew"
+    return TableDescription(
+        details.get("sheet", group),
+        int(table.rows.size),
+        tuple(_channel(c, stamps) for c in channels),
+        None if time is None else _describe_time(time),
+        tuple(name for name in table.names if name and name not in kept),
+        details,
+        remarks=table.remarks,
+    )
+
+
+def _channel(column: Column, stamps: Float | None) -> ChannelDescription:
+    known = column.values[np.isfinite(column.values)]
+    share = float(np.isnan(column.values).mean()) if column.values.size else 0.0
+    low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
+    rate = None if stamps is None else _rate(stamps[~np.isnan(column.values)] if share else stamps)
+    size = int(column.values.size)
+    return ChannelDescription(column.name, column.unit, size, share, low, high, column.description, rate)
+
+
+def _rate(stamps: Float) -> float | None:
+    """How often there is a sample, in Hz."""
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    step = float(np.median(steps)) if steps.size else 0.0
+    return 1.0 / step if step > 0 else None
+
+
+def _describe_time(column: Column) -> TimeDescription | None:
+    """The time of a table; None where no sample has any."""
+    time = seconds(column)
+    time = time[np.isfinite(time)]
+    if not time.size:
+        return None
+    step = float(np.median(np.diff(time))) if time.size > 1 else None
+    return TimeDescription(column.name, float(time.min()), float(time.max()), step)

@@ -1,0 +1,310 @@
+"""In which order nodes can be built, and the loops that forbid any.
+
+Syntax to graph.
+
+Expressions are built by generators that ask for their parts (`node = yield part, scope`), so that neither long
+definitions nor deeply nested calls of functions meet Python's recursion limit.
+"""
+
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.models.formula.functions import CONSTANTS, OPERATORS, Argument, UnusableError
+from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
+from kennfeld.models.formula.name_resolution import Names, children
+from kennfeld.models.formula.syntax import Call, Chain, Definition, Expr, FunctionDefinition, Name, Number, Prefix
+
+__all__ = ["build", "ordered"]
+
+_MOST_EXPANSIONS = 100_000
+
+
+class _Use(NamedTuple):
+    name: str
+    at_start: bool  # for an initial value
+
+
+def build_order(names: Names) -> list[str]:
+    """The nodes, each after those it needs in the same sample; loops are reported and marked as broken."""
+    needs = _function_needs(names)
+    uses = {
+        name: list(_uses(definition.value, names, needs))
+        for name, definition in names.definitions.items()
+        if definition.value is not None
+    }
+    order, loops = ordered({name: [use.name for use in used] for name, used in uses.items()})
+    for loop in loops:
+        starts = {(name, use.name) for name in loop for use in uses[name] if use.at_start}
+        _report_loop(names, loop, names.definitions, bool(starts & set(pairwise(loop))))
+    return order
+
+
+def ordered(uses: Mapping[str, Iterable[str]]) -> tuple[list[str], list[list[str]]]:
+    """The names, each after those it uses, and the loops, one for each group of names that has one.
+
+    >>> ordered({"a": ["b"], "b": ["c"], "c": []})
+    (['c', 'b', 'a'], [])
+    >>> ordered({"a": ["b"], "b": ["a"]})[1]
+    [['a', 'b', 'a']]
+    """
+    done: dict[str, bool] = {}
+    order: list[str] = []
+    loops: list[list[str]] = []
+    in_loop: set[str] = set()
+    for root in uses:
+        path: list[str] = []
+        pending: list[Iterator[str]] = [iter((root,))]
+        while pending:
+            used = next(pending[-1], None)
+            if used is None:
+                pending.pop()
+                if path:
+                    done[path[-1]] = True
+                    order.append(path.pop())
+            elif used in uses and used not in done:
+                done[used] = False
+                path.append(used)
+                pending.append(iter(uses[used]))
+            elif not done.get(used, True) and not (used in in_loop and path[-1] in in_loop):
+                loops.append([*path[path.index(used) :], used])
+                in_loop.update(loops[-1])
+    return order, loops
+
+
+def _report_loop(
+    names: Names, loop: list[str], statements: Mapping[str, Definition | FunctionDefinition], initial: bool = False
+) -> None:
+    members = loop[:-1]
+    first = min(range(len(members)), key=lambda i: statements[members[i]].at[2:])
+    turned = [*members[first:], *members[:first]]
+    shown = " -> ".join([*turned, turned[0]])
+    names.broken.update(members)
+    at = statements[turned[0]].at
+    if isinstance(statements[turned[0]], FunctionDefinition):
+        names.source.report(at, f"a function calls itself: {shown}", "Write feedback with prev(x, init).")
+    elif initial:
+        mend = "Give an initial value that does not need it."
+        names.source.report(at, f"an initial value needs itself: {shown}", mend)
+    else:
+        mend = "Break it with prev(x, init) where the value of the step before is meant."
+        names.source.report(at, f"algebraic loop: {shown}", mend)
+
+
+class _Needs(NamedTuple):
+    """What a function of the text needs at once: which of its arguments (None where not), and which other names."""
+
+    arguments: tuple[_Use | None, ...]
+    names: tuple[_Use, ...]
+
+
+def _function_needs(names: Names) -> Mapping[str, _Needs]:
+    bodies = {name: function.value for name, function in names.functions.items() if function.value is not None}
+    order, loops = ordered({name: list(_calls(body, names.functions)) for name, body in bodies.items()})
+    for loop in loops:
+        _report_loop(names, loop, names.functions)
+    needs: dict[str, _Needs] = {}
+    for name in order:
+        given = [argument.name for argument in names.functions[name].arguments]
+        used = dict.fromkeys(_uses(bodies[name], names, needs, given))
+        now = {use.name: use for use in sorted(used, key=lambda use: not use.at_start)}
+        others = tuple(use for use in used if use.name not in given)
+        needs[name] = _Needs(tuple(now.get(argument) for argument in given), others)
+    return needs
+
+
+def _calls(expr: Expr, functions: Collection[str]) -> Iterator[str]:
+    stack = [expr]
+    while stack:
+        at = stack.pop()
+        if isinstance(at, Call) and not at.at.quoted and at.name in functions:
+            yield at.name
+        stack.extend(children(at))
+
+
+def _uses(expr: Expr, names: Names, needs: Mapping[str, _Needs], arguments: Collection[str] = ()) -> Iterator[_Use]:
+    """The nodes and arguments that an expression needs in the same sample; what a memory holds next is not needed."""
+    stack = [(expr, False)]
+    while stack:
+        at, start = stack.pop()
+        if isinstance(at, Name):
+            if at.name in arguments or names.kind(at.name, at.at.quoted) == "node":
+                yield _Use(at.name, start)
+        elif isinstance(at, Call) and (function := names.built_in(at)) is not None:
+            given = [(function.argument(i), arg) for i, arg in enumerate(at.args)]
+            stack.extend((arg, start or spec.name == "init") for spec, arg in given if not spec.later)
+        elif isinstance(at, Call) and not at.at.quoted and at.name in names.functions:
+            needed = needs.get(at.name, _Needs((), ()))
+            yield from (_Use(use.name, start or use.at_start) for use in needed.names)
+            given_now = zip(at.args, needed.arguments, strict=False)
+            stack.extend((arg, start or use.at_start) for arg, use in given_now if use)
+        else:
+            stack.extend((part, start) for part in children(at))
+
+
+class _Scope(NamedTuple):
+    """Where an expression stands: what the arguments of the surrounding function are bound to."""
+
+    key: int
+    bound: "Mapping[str, tuple[Expr, _Scope]]"
+
+
+_TEXT: Final = _Scope(0, {})
+
+_Steps = Generator[tuple[Expr, _Scope], int, int]
+
+
+def build(names: Names, builder: GraphBuilder, nodes: Mapping[str, int]) -> dict[str, int]:
+    """The nodes of all definitions, auxiliary ones included; `nodes` are those that exist already.
+
+    What is wrong goes to the source; then the nodes are of no use.
+    """
+    order = build_order(names)
+    weaver = _Weaver(names, builder, dict(nodes))
+    for name in order:
+        if name not in names.broken:
+            value = names.definitions[name].value
+            assert value is not None
+            weaver.nodes[name] = weaver.value(value, _TEXT)
+    builder.settle()
+    return {name: weaver.nodes[name] for name in names.definitions if name in weaver.nodes}
+
+
+class _Weaver:
+    def __init__(self, names: Names, builder: GraphBuilder, nodes: dict[str, int]) -> None:
+        self.names = names
+        self.builder = builder
+        self.nodes = nodes
+        self._built: dict[tuple[int, int], int] = {}
+        self._memories: dict[tuple[Any, ...], int] = {}
+        self._scopes: dict[tuple[Any, ...], _Scope] = {}
+
+    def value(self, expr: Expr, scope: _Scope) -> int:
+        """The node of an expression."""
+        stack = [self._steps(expr, scope)]
+        result: Any = None
+        while stack:
+            try:
+                part = stack[-1].send(result)
+            except StopIteration as finished:
+                result = finished.value
+                stack.pop()
+            else:
+                stack.append(self._steps(*part))
+                result = None
+        return int(result)
+
+    def _steps(self, expr: Expr, scope: _Scope) -> _Steps:
+        match expr:
+            case Number():
+                return _ready(self.builder.const(expr.value))
+            case Name() if expr.name in scope.bound:
+                return self._once(expr, *scope.bound[expr.name], self._argument)
+            case Name():
+                return _ready(self._name(expr))
+            case Chain():
+                return self._chain(expr, scope)
+            case Prefix():
+                return self._prefix(expr, scope)
+            case Call():
+                return self._once(expr, expr, scope, self._call)
+
+    def _once(self, at: Expr, expr: Expr, scope: _Scope, steps: Callable[[Any, _Scope], _Steps]) -> _Steps:
+        """Equal syntax in one scope is one node; this is what makes equal memory calls one state."""
+        key = (expr.key, scope.key)
+        if key not in self._built:
+            self._built[key] = yield from steps(expr, scope)
+        return self._built[key]
+
+    def _argument(self, expr: Expr, scope: _Scope) -> _Steps:
+        return (yield expr, scope)
+
+    def _name(self, expr: Name) -> int:
+        name = expr.name
+        match self.names.kind(name, expr.at.quoted):
+            case "constant":
+                return self.builder.const(CONSTANTS[name])
+            case "node":
+                # a node whose definition is wrong has no number; any input that is no constant stands for it
+                return self.nodes[name] if name in self.nodes else self.builder.input(name)
+            case "parameter":
+                return self.builder.lookup(name)
+            case "input" | "clock":
+                return self.builder.input(name)
+
+    def _chain(self, expr: Chain, scope: _Scope) -> _Steps:
+        node = yield expr.first, scope
+        for operator, operand in expr.rest:
+            node = self.builder.call(OPERATORS[operator], node, (yield operand, scope))
+        return node
+
+    def _prefix(self, expr: Prefix, scope: _Scope) -> _Steps:
+        operand = yield expr.operand, scope
+        return self.builder.call("neg" if expr.op == "-" else "not", operand)
+
+    def _call(self, expr: Call, scope: _Scope) -> _Steps:
+        if (function := self.names.built_in(expr)) is not None:
+            return (yield from self._built_in(function, expr, scope))
+        if not expr.at.quoted and expr.name in self.names.functions:
+            return (yield from self._defined(expr, scope))
+        coordinates: list[int] = []
+        for arg in expr.args:
+            coordinate = yield arg, scope
+            coordinates.append(coordinate)
+        return self.builder.lookup(expr.name, *coordinates)
+
+    def _defined(self, expr: Call, scope: _Scope) -> _Steps:
+        function = self.names.functions[expr.name]
+        if expr.name in self.names.broken or function.value is None:
+            return self.builder.input(expr.name)
+        key = (expr.name, *((arg.key, scope.key) for arg in expr.args))
+        if len(self._scopes) >= _MOST_EXPANSIONS:
+            what = f"the functions of this text unfold to more than {_MOST_EXPANSIONS} calls"
+            self.names.source.report(function.at, what, "Give values that are used twice names of their own.")
+            self.names.broken.add(expr.name)
+            return self.builder.input(expr.name)
+        if key not in self._scopes:
+            bound = {argument.name: (arg, scope) for argument, arg in zip(function.arguments, expr.args, strict=True)}
+            self._scopes[key] = _Scope(len(self._scopes) + 1, bound)
+        return (yield function.value, self._scopes[key])
+
+    def _built_in(self, function: BuiltIn, expr: Call, scope: _Scope) -> _Steps:
+        args: list[Any] = []
+        key: list[Any] = [function.name]
+        for index, given in enumerate(expr.args):
+            if function.argument(index).later:
+                args.append(partial(self.value, given, scope))
+                key.append((given.key, scope.key))
+            else:
+                args.append((yield given, scope))
+                key.append(args[-1])
+        args += [self._default(argument, args, function) for argument in function.arguments[len(args) :]]
+        if not function.memory:
+            return function.rule(self.builder, *args)
+        if tuple(key) not in self._memories:
+            self._memories[tuple(key)] = self._remembered(function, expr, args)
+        return self._memories[tuple(key)]
+
+    def _default(self, argument: Argument, given: list[Any], function: BuiltIn) -> Any:
+        earlier = [other.name for other in function.arguments]
+        if argument.default in earlier:
+            return given[earlier.index(argument.default)]
+        node = self.builder.const(float(argument.default))
+        return (lambda: node) if argument.later else node
+
+    def _remembered(self, function: BuiltIn, expr: Call, args: list[Any]) -> int:
+        try:
+            return function.rule(self.builder, *args)
+        except UnusableError as unusable:
+            index = [argument.name for argument in function.arguments].index(unusable.argument)
+            if self.builder.value(args[index]) is not None or not self.names.broken:
+                self.names.source.report(expr.args[index].at, unusable.what)
+            return self.builder.input(expr.name)
+
+
+def _ready(node: int) -> _Steps:
+    """The steps of what needs no parts."""
+    yield from ()
+    return node

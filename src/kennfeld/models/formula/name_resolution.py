@@ -1,0 +1,305 @@
+"""What each name of a text is, and every complaint about it."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Literal, NamedTuple, TypeVar
+
+from kennfeld.formatting import nearest
+from kennfeld.graph import CLOCK
+from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS
+from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
+from kennfeld.models.formula.lexer import RESERVED, Source
+from kennfeld.models.formula.syntax import (
+    Call,
+    Chain,
+    Declaration,
+    Definition,
+    Expr,
+    FunctionDefinition,
+    Name,
+    Prefix,
+    Statement,
+    Token,
+)
+
+__all__ = ["Names", "Surroundings", "children", "walk"]
+
+_S = TypeVar("_S", Definition, FunctionDefinition, Declaration)
+Kind = Literal["clock", "constant", "node", "parameter", "input"]
+
+_AXES: Mapping[str, tuple[int, ...]] = {"scalar": (0,), "curve": (1,), "map": (2,), "cube": (3, 4)}
+_TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
+
+
+class Surroundings(NamedTuple):
+    """What a text may refer to besides what it defines itself.
+
+    `parameters` None means that they are not known: what is called like a function is a table. `axes` are their
+    numbers of axes, where known; `inputs` are taken. `channels` None means that any other name is an input.
+    `owner` says in complaints whose parameters they are; `functions` are called like the built-in ones.
+    """
+
+    nodes: Mapping[str, int] = MappingProxyType({})
+    parameters: Collection[str] | None = None
+    axes: Mapping[str, int] = MappingProxyType({})
+    inputs: Collection[str] = ()
+    channels: Collection[str] | None = None
+    owner: str = "this project"
+    functions: Mapping[str, BuiltIn] = MappingProxyType({})
+
+
+def children(expr: Expr) -> Sequence[Expr]:
+    """The direct parts of an expression, from left to right."""
+    match expr:
+        case Call():
+            return expr.args
+        case Chain():
+            return (expr.first, *(operand for _, operand in expr.rest))
+        case Prefix():
+            return (expr.operand,)
+    return ()
+
+
+def walk(expr: Expr) -> Iterator[Expr]:
+    """An expression and all its parts, in the order of the text."""
+    stack = [expr]
+    while stack:
+        yield (at := stack.pop())
+        stack.extend(reversed(children(at)))
+
+
+class Names:
+    """The names of a text, resolved; the constructor reports every complaint to the source.
+
+    `definitions` and `functions` hold the statements, `uses` where a parameter or an input is used first, `axes` how
+    many coordinates each parameter has, `broken` the keys of statements that cannot be built.
+    """
+
+    def __init__(self, statements: Sequence[Statement], around: Surroundings, source: Source) -> None:
+        known, channels = around.parameters, around.channels
+        self.around = around._replace(  # dictionaries, because a project may know thousands of names
+            parameters=None if known is None else dict.fromkeys(known),
+            channels=None if channels is None else dict.fromkeys(channels),
+        )
+        self.source = source
+        self.definitions: dict[str, Definition] = {}
+        self.functions: dict[str, FunctionDefinition] = {}
+        self.inputs: dict[str, Declaration] = {}
+        self.outputs: dict[str, Declaration] = {}
+        self.declared: dict[str, Declaration] = {}
+        self.uses: dict[str, Token] = {}
+        self.axes: dict[str, int] = dict(around.axes)
+        self.broken: set[str] = set()
+        self._called: dict[str, Token] = {}
+        self._bare: dict[str, Token] = {}
+        for statement in statements:
+            self._register(statement)
+        self._check_names()
+        self._check_expressions()
+        self._check_outputs()
+
+    def kind(self, name: str, quoted: bool) -> Kind:
+        """What a bare name is."""
+        if not quoted and name in CLOCK:
+            return "clock"
+        if not quoted and name in CONSTANTS:
+            return "constant"
+        if name in self.definitions or name in self.around.nodes:
+            return "node"
+        if name in self.declared or name in (self.around.parameters or ()):
+            return "parameter"
+        return "input"
+
+    def built_in(self, call: Call) -> BuiltIn | None:
+        """The function that is called, where it is not one of the text."""
+        if call.at.quoted:
+            return None
+        return FUNCTIONS.get(call.name) or self.around.functions.get(call.name)
+
+    def _register(self, statement: Statement) -> None:
+        match statement:
+            case Definition():
+                self._once(self.definitions, statement, "node")
+            case FunctionDefinition():
+                self._once(self.functions, statement, "function")
+            case Declaration("input"):
+                self._once(self.inputs, statement, "input")
+            case Declaration("output"):
+                self._once(self.outputs, statement, "output")
+            case Declaration():
+                self._once(self.declared, statement, "parameter")
+
+    def _once(self, known: dict[str, _S], statement: _S, kind: str) -> None:
+        first = known.setdefault(statement.at.name, statement)
+        if first is not statement:
+            where = self.source.place(first.at.line)
+            self.source.report(statement.at, f"{kind} {statement.at.name} stands already in {where}", "Remove one.")
+
+    def _check_names(self) -> None:
+        for name, definition in self.definitions.items():
+            for kind, taken in (("a node", self.around.nodes), ("an input", self.around.inputs)):
+                if name in taken:
+                    what = f"{name} is already {kind} of {self.around.owner}"
+                    self._report(name, definition.at, what, "Give it another name.")
+        self._check_functions()
+        everything: tuple[tuple[str, Mapping[str, Definition | FunctionDefinition | Declaration]], ...] = (
+            ("a node", self.definitions),
+            ("a function", self.functions),
+            ("a parameter", self.declared),
+            ("an input", self.inputs),
+        )
+        for index, (kind, known) in enumerate(everything):
+            for name, statement in known.items():
+                others = [other for other, names in everything[:index] if name in names]
+                if known is not self.declared and name in (self.around.parameters or ()):
+                    others.append(f"a parameter of {self.around.owner}")
+                if others:
+                    self._two_things(name, statement.at, kind, others[0])
+
+    def _two_things(self, name: str, at: Token, one: str, other: str) -> None:
+        self._report(name, at, f"{name} is {one} and also {other}", "Rename one of them.")
+
+    def _check_functions(self) -> None:
+        for name, function in self.functions.items():
+            if function.at.quoted or name in FUNCTIONS:
+                what = "a name in quotes" if function.at.quoted else f"{name}, which is built in,"
+                self._report(name, function.at, f"{what} cannot be defined as a function", "Use another name.")
+            given = [argument.name for argument in function.arguments]
+            for index, argument in enumerate(function.arguments):
+                if argument.name in given[:index]:
+                    self._report(name, argument, f"argument {argument.name} stands twice", "Rename one of them.")
+
+    def _report(self, name: str, at: Token, what: str, mend: str = "") -> None:
+        self.broken.add(name)
+        self.source.report(at, what, mend)
+
+    def _check_expressions(self) -> None:
+        everything: list[tuple[str, Definition | FunctionDefinition]] = [
+            *self.definitions.items(),
+            *self.functions.items(),
+        ]
+        for name, statement in everything:
+            arguments: set[str] = set()
+            if isinstance(statement, FunctionDefinition):
+                arguments = {argument.name for argument in statement.arguments}
+            if statement.value is None:
+                self.broken.add(name)
+                continue
+            for part in walk(statement.value):
+                if isinstance(part, Name) and part.name not in arguments:
+                    self._check_bare(name, part)
+                elif isinstance(part, Call):
+                    self._check_call(name, part, arguments)
+        for name in self._called.keys() & self._bare.keys() - self.broken:
+            what = f"{name} is a table in {self._where(self._called[name])} and has no coordinates here"
+            self._report(name, self._bare[name], what, f"Write {name}(...) with its coordinates.")
+
+    def _where(self, token: Token) -> str:
+        return f"{self.source.place(token.line)}, column {token.column}"
+
+    def _check_bare(self, owner: str, use: Name) -> None:
+        name = use.name
+        if not use.at.quoted and name in RESERVED:
+            if name == "if":
+                self._report(owner, use.at, "if needs brackets", "Write if(condition, a, b).")
+            return
+        match self.kind(name, use.at.quoted):
+            case "parameter":
+                self._check_axes(owner, name, 0, use.at)
+            case "input" if name in self.functions:
+                arguments = ", ".join(argument.name for argument in self.functions[name].arguments)
+                self._report(owner, use.at, f"{name} is a function of this text", f"Write {name}({arguments}).")
+            case "input":
+                self._check_input(owner, name, use.at)
+
+    def _check_input(self, owner: str, name: str, at: Token) -> None:
+        self.uses.setdefault(name, at)
+        self._bare.setdefault(name, at)
+        if self.around.channels is not None:
+            if name not in self.around.channels:
+                self._report(owner, at, f"{name} is no channel", nearest(name, self.around.channels))
+        elif self.inputs and name not in self.inputs:
+            candidates = {**self.inputs, **self.definitions, **self.declared}
+            mend = nearest(name, [*candidates, *(self.around.parameters or ())]) or f"Declare it: input {at.text}."
+            self._report(owner, at, f"{name} is no node, no parameter and no declared input", mend)
+
+    def _check_call(self, owner: str, call: Call, arguments: Collection[str]) -> None:
+        name, count = call.name, len(call.args)
+        if not call.at.quoted and name in arguments:
+            self._report(owner, call.at, f"{name} is an argument, not a table", "Write * to multiply.")
+        elif (function := self.built_in(call)) is not None:
+            self._check_built_in(owner, call, function)
+        elif not call.at.quoted and name in self.functions:
+            self._check_defined(owner, call)
+        elif not call.at.quoted and name in RESERVED:
+            self._report(owner, call.at, f"{name} is no function", "Write * to multiply.")
+        elif name in self.definitions or name in self.around.nodes:
+            self._report(owner, call.at, f"{name} is a node, not a table", "Write * to multiply.")
+        elif name in self.inputs:
+            self._report(owner, call.at, f"{name} is an input, not a table", "Write * to multiply.")
+        elif self._is_table(owner, call):
+            self._called.setdefault(name, call.at)
+            self._check_axes(owner, name, count, call.at)
+
+    def _check_built_in(self, owner: str, call: Call, function: BuiltIn) -> None:
+        count = len(call.args)
+        if function.fewest <= count <= function.most:
+            return
+        few, many = function.fewest, function.most
+        wanted = f"{few}" if few == many else f"at least {few}" if many > 99 else f"{few} to {many}"
+        arguments = "argument" if wanted == "1" else "arguments"
+        signature = function.signature.replace(function.name, call.name, 1)
+        self._report(owner, call.at, f"{call.name} needs {wanted} {arguments}, not {count}", f"Write {signature}.")
+
+    def _check_defined(self, owner: str, call: Call) -> None:
+        given = self.functions[call.name].arguments
+        if len(given) != len(call.args):
+            signature = f"{call.name}({', '.join(argument.name for argument in given)})"
+            what = f"{call.name} needs {len(given)} argument{'s' * (len(given) != 1)}, not {len(call.args)}"
+            self._report(owner, call.at, what, f"Write {signature}.")
+
+    def _is_table(self, owner: str, call: Call) -> bool:
+        name, known = call.name, self.around.parameters
+        if not call.args:
+            self._report(owner, call.at, f"{name} has no coordinates", f"Write {call.at.text}(x), or {call.at.text}.")
+            return False
+        if known is None or name in known or name in self.declared:
+            return True
+        what = f"{name} is no parameter of {self.around.owner}" if known else f"{name} is no function"
+        mend = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
+        self._report(owner, call.at, what, mend)
+        return False
+
+    def _check_axes(self, owner: str, name: str, count: int, at: Token) -> None:
+        before = self.uses.setdefault(name, at)
+        kind = self.declared[name].kind if name in self.declared else ""
+        if count > 4 and kind != "rbf" and name not in self.around.axes:
+            mend = f"Declare it, if it is an expansion in radial basis functions: rbf {at.text}."
+            self._report(owner, at, f"{name} has {count} coordinates; tables have at most 4", mend)
+        elif kind in _AXES and count not in _AXES[kind]:
+            what = f"{name} is declared as a {kind} and has {_coordinates(count)} here"
+            self._report(owner, at, what, f"Write {_example(name, _AXES[kind][0])}.")
+        elif self.axes.setdefault(name, count) != count:
+            first = self.axes[name]
+            where = f" in {self._where(before)}" if before is not at else f" of {self.around.owner}"
+            table = _TABLES.get(first, "an expansion")
+            what = f"{name} is {table} with {_coordinates(first)}{where} and has {count or 'none'} here"
+            self._report(owner, at, what, f"Write {_example(name, first)}.")
+
+    def _check_outputs(self) -> None:
+        for name, output in self.outputs.items():
+            definition = self.definitions.get(name)
+            if definition is None:
+                mend = nearest(name, [n for n, d in self.definitions.items() if not d.auxiliary])
+                self.source.report(output.at, f"output {name} is no node", mend)
+            elif definition.auxiliary:
+                mend = "Give the node a name without the underscore."
+                self.source.report(output.at, f"output {name} is auxiliary", mend)
+
+
+def _example(name: str, axes: int) -> str:
+    return f"{name}({', '.join('xyzw'[:axes])})" if axes else name
+
+
+def _coordinates(count: int) -> str:
+    return f"{count or 'no'} coordinate{'s' * (count != 1)}"

@@ -1,0 +1,279 @@
+"""The variables after a decision: each takes the side whose condition holds.
+
+Loops of MATLAB code, unrolled: over ranges and columns, and as long as a condition holds.
+
+Where the end of a loop depends on signals, each pass is one side of a decision within the pass before it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
+
+import numpy as np
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.matlab import syntax as m
+from kennfeld.models.imperative.evaluation_context import MOST_PASSES
+from kennfeld.models.imperative.evaluation_errors import CodeError, EndedError
+from kennfeld.models.imperative.graph_operators import distance, steps_within
+from kennfeld.models.imperative.node_arrays import Nodes, each
+from kennfeld.models.imperative.path_facts import assumed, both, either, known, most_of, negated
+from kennfeld.models.imperative.symbolic_values import (
+    Cells,
+    Handle,
+    Held,
+    Later,
+    Partial,
+    Struct,
+    Truths,
+    Unclear,
+    integers,
+    resolved,
+    truths,
+    word_of,
+)
+
+if TYPE_CHECKING:
+    from kennfeld.models.imperative.statement_interpreter import Body
+
+__all__ = ["Loops", "State", "joined"]
+
+Key = TypeVar("Key")
+_SPLIT = "Give it the same form on both sides of the decision."
+
+# the condition under which a pass is made, and what the variable of the loop is in it, which a while has not
+Turn: TypeAlias = tuple[int, Nodes | None]
+Begin: TypeAlias = Callable[[int], Turn | None]  # a pass by its number; None after the last one
+
+_PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything that code has done along one path: variables, persistent ones by their functions, and jumps.
+
+    `jumps` are the conditions under which a break, continue or return was met; `facts` are the conditions that are
+    known on this path.
+    """
+
+    names: dict[str, Held] = field(default_factory=dict)
+    kept: dict[tuple[str, str], Held] = field(default_factory=dict)
+    jumps: dict[str, int] = field(default_factory=dict)
+    facts: Mapping[int, bool] = field(default_factory=dict)
+
+    def under(self, builder: GraphBuilder, condition: int, holds: bool) -> "State":
+        """The same, ready to be changed, on the side of a decision."""
+        facts = assumed(builder, self.facts, condition, holds)
+        return State(dict(self.names), dict(self.kept), dict(self.jumps), facts)
+
+
+def joined(builder: GraphBuilder, condition: int, yes: State, no: State, before: State) -> State:
+    """What code has done after a decision."""
+    work = _Joining(builder, condition, yes.facts, no.facts)
+    jumps = {kind: work.jump(yes.jumps.get(kind), no.jumps.get(kind)) for kind in {**yes.jumps, **no.jumps}}
+    return replace(before, names=work.mapping(yes.names, no.names), kept=work.mapping(yes.kept, no.kept), jumps=jumps)
+
+
+class _Joining:
+    def __init__(self, builder: GraphBuilder, condition: int, yes: Mapping[int, bool], no: Mapping[int, bool]) -> None:
+        self.builder, self.condition = builder, condition
+        self.yes, self.no = yes, no
+        self.choice = np.array([[condition]], dtype=np.int64)
+
+    def jump(self, yes: int | None, no: int | None) -> int:
+        builder, never = self.builder, self.builder.const(0.0)
+        one = both(builder, self.condition, never if yes is None else yes)
+        other = both(builder, negated(builder, self.condition), never if no is None else no)
+        return either(builder, one, other)
+
+    def mapping(self, yes: Mapping[Key, Held], no: Mapping[Key, Held]) -> dict[Key, Held]:
+        return {key: self.held(str(key), yes.get(key), no.get(key)) for key in {**no, **yes}}
+
+    def held(self, name: str, yes: Held | None, no: Held | None) -> Held:
+        if yes is no and yes is not None:
+            return yes
+        yes, no = self._whole(yes, self.yes), self._whole(no, self.no)
+        if yes is None or no is None or isinstance(yes, Partial) or isinstance(no, Partial):
+            return self._partial(name, yes, no)
+        if isinstance(yes, Unclear) or isinstance(no, Unclear):
+            return yes if isinstance(yes, Unclear) else no
+        return self._both(name, yes, no)
+
+    def _whole(self, held: Held | None, facts: Mapping[int, bool]) -> Held | None:
+        if isinstance(held, Later):
+            return resolved(held)
+        if isinstance(held, Partial):
+            found = known(self.builder, facts, held.defined)
+            return held if found is None else held.value if found else None
+        return held
+
+    def _partial(self, name: str, yes: Held | None, no: Held | None) -> Held:
+        """A variable that only one side knows for certain."""
+        values = [one.value if isinstance(one, Partial) else one for one in (yes, no)]
+        if values[0] is None or values[1] is None:
+            value = values[0] if values[0] is not None else values[1]
+            if value is None:
+                return Unclear(f"{name} has no value")
+        else:
+            value = self.held(name, *values)
+        return value if isinstance(value, Unclear) else Partial(value, self.jump(self._defined(yes), self._defined(no)))
+
+    def _defined(self, held: Held | None) -> int:
+        return held.defined if isinstance(held, Partial) else self.builder.const(float(held is not None))
+
+    def _both(self, name: str, yes: Held, no: Held) -> Held:
+        match yes, no:
+            case np.ndarray(), np.ndarray():
+                return self._arrays(name, yes, no)
+            case Struct(), Struct() if set(yes.fields) == set(no.fields):
+                return Struct({key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields})
+            case Cells(), Cells() if yes.shape == no.shape:
+                pairs = zip(yes.cells, no.cells, strict=True)
+                return Cells(tuple(self.held(name, *pair) for pair in pairs), yes.shape)
+            case str(), str() if yes == no:
+                return yes
+            case Handle(), Handle() if yes.function == no.function and not (yes.names or no.names):
+                return yes
+        return Unclear(f"{name} is of one kind where a condition holds and of another where it does not", _SPLIT)
+
+    def _arrays(self, name: str, yes: Nodes, no: Nodes) -> Held:
+        if yes.shape != no.shape:
+            sizes = " or ".join("x".join(map(str, one.shape)) for one in (yes, no))
+            return Unclear(f"the size of {name} is {sizes}, as a condition decides", _SPLIT)
+        made = yes if np.array_equal(yes, no) else each(self.builder, "select", self.choice, yes, no)
+        if isinstance(yes, Truths) and isinstance(no, Truths):
+            return truths(made)
+        return integers(made, word_of(yes) if word_of(yes) == word_of(no) else None)
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """A loop while it is unrolled; `outside` are the passes that a decision led into, with what was before each."""
+
+    begin: Begin
+    body: Sequence[m.Statement]
+    target: m.Expression | None = None
+    outside: list[tuple[int, State]] = field(default_factory=list)
+
+
+class Loops:
+    """The loops of a body."""
+
+    def __init__(self, body: "Body") -> None:
+        self.body, self.desk, self.builder = body, body.desk, body.builder
+
+    def _repeat(self, loop: _Loop) -> None:
+        """Passes of a loop, one within the other."""
+        outside = loop.outside
+        try:
+            for number in count():
+                if not self._pass(loop, number):
+                    break
+        except EndedError:  # the last pass that was entered by a decision is never taken
+            if not outside:
+                raise
+            condition, before = outside.pop()
+            self.body.state = before.under(self.builder, condition, False)
+        for condition, before in reversed(outside):
+            no = before.under(self.builder, condition, False)
+            self.body.state = joined(self.builder, condition, self.body.state, no, before)
+        self.body.state.jumps.pop("break", None)
+
+    def _pass(self, loop: _Loop, number: int) -> bool:
+        """One pass; false where it was the last one."""
+        self.desk.step()
+        turn = loop.begin(number)
+        if turn is None or not self._enter(turn[0], loop.outside):
+            return False
+        if turn[1] is not None:
+            self.body.assign(loop.target, turn[1])
+        self.body.run(loop.body)
+        self.body.state.jumps.pop("continue", None)
+        going = self.body.going()
+        if going is not None and not self._enter(going, loop.outside):
+            return False
+        if going is not None:
+            self.body.state.jumps.clear()
+        return True
+
+    def _enter(self, condition: int, outside: list[tuple[int, State]]) -> bool:
+        """Go on where a condition holds; false where it never does."""
+        fixed = known(self.builder, self.body.state.facts, condition)
+        if fixed is None:
+            if len(outside) > MOST_PASSES:
+                raise CodeError(
+                    f"a loop whose end depends on signals does not end within {MOST_PASSES} passes", _PASSES
+                )
+            outside.append((condition, self.body.state))
+            self.body.state = self.body.state.under(self.builder, condition, True)
+        return fixed is not False
+
+    def as_long_as(self, condition: m.Expression, body: Sequence[m.Statement]) -> None:
+        """Run statements as long as a condition holds."""
+
+        def begin(number: int) -> Turn:
+            found = self.body.truth(self.body.value(condition))
+            fixed = self.desk.numbers(np.array([found], dtype=np.int64), "the condition of a loop")
+            if fixed is None and number > MOST_PASSES:
+                raise CodeError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
+            return found if fixed is None else self.builder.const(float(fixed.item() != 0)), None
+
+        self._repeat(_Loop(begin, body))
+
+    def over(self, target: m.Expression, values: m.Expression, body: Sequence[m.Statement]) -> None:
+        """Run statements for each number of a range, or each column of an array."""
+        begin = self._along_range(values) if isinstance(values, m.Range) else self._along_columns(values)
+        self._repeat(_Loop(begin, body, target))
+
+    def _along_columns(self, values: m.Expression) -> Begin:
+        whole = self.body.nodes(values, "what a loop runs over")
+        columns: Sequence[Nodes] = list(whole.reshape(whole.shape[0], -1, order="F").T) if whole.size else []
+
+        def begin(number: int) -> Turn | None:
+            return (self.builder.const(1.0), columns[number].reshape(-1, 1)) if number < len(columns) else None
+
+        return begin
+
+    def _along_range(self, values: m.Range) -> Begin:
+        """The passes over a range; where its length depends on signals, as many as its limits allow."""
+        first, last = self._end(values.first), self._end(values.last)
+        step = self._step(values)
+        span = distance(self.body.calls, first, last)
+        passes = steps_within(self.body.calls, self._longest(first, last, step) if span is None else span, step)
+        fixed, builder = self.desk.constant(first), self.builder
+        start = first if fixed is None else builder.const(fixed)
+
+        def begin(number: int) -> Turn | None:
+            if number >= passes:
+                return None
+            at = builder.call("add", start, builder.const(number * step))
+            within = builder.call("le" if step > 0 else "ge", at, last) if span is None else builder.const(1.0)
+            return within, np.array([[at]], dtype=np.int64)
+
+        return begin
+
+    def _end(self, tree: m.Expression) -> int:
+        nodes = self.body.nodes(tree, "the end of a range")
+        if nodes.size != 1:
+            raise CodeError("a loop over a range from or to an array")
+        self.desk.numbers(nodes, "the end of a loop")
+        return int(nodes.item())
+
+    def _step(self, values: m.Range) -> float:
+        if values.step is None:
+            return 1.0
+        found = self.desk.numbers(self.body.nodes(values.step), "the step of a loop")
+        if found is None or found.size != 1:
+            raise CodeError("a loop over a range whose step depends on signals", _PASSES)
+        return float(found.item())
+
+    def _longest(self, first: int, last: int, step: float) -> float:
+        """How far it can be from the first to the last number of a range, by their limits."""
+        up = step > 0
+        found = most_of(self.builder, last, up) - most_of(self.builder, first, not up)
+        if not np.isfinite(found):
+            raise CodeError(
+                "a loop to an end that depends on signals, without a limit", f"Write min(..., N). {_PASSES}"
+            )
+        return found

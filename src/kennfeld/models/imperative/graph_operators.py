@@ -1,0 +1,243 @@
+"""The operators and functions of MATLAB expressions that the graph can say, by their names.
+
+Ranges: evenly spaced numbers, whose count is fixed.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.matlab import syntax as m
+from kennfeld.models.imperative.evaluation_errors import CodeError
+from kennfeld.models.imperative.node_arrays import Nodes, each, fold, towards_zero
+from kennfeld.models.imperative.symbolic_values import constants
+
+if TYPE_CHECKING:
+    from kennfeld.models.imperative.expression_evaluator import Calls
+
+__all__ = [
+    "BINARY",
+    "INVERSE_HYPERBOLIC",
+    "KNOWN",
+    "ONE",
+    "PLAIN",
+    "TWO",
+    "Rule",
+    "applied",
+    "distance",
+    "spaced",
+    "steps_within",
+    "without_rest",
+]
+
+Rule: TypeAlias = Callable[..., Nodes]
+
+BINARY: Final = {
+    "+": "add", "-": "sub", ".*": "mul", "./": "div", ".^": "pow", "==": "eq", "~=": "ne", "!=": "ne", "<": "lt",
+    "<=": "le", ">": "gt", ">=": "ge", "&": "and", "|": "or", "&&": "and", "||": "or",
+}  # fmt: skip
+PLAIN: Final = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "floor",
+    "ceil", "round", "sign",
+)  # fmt: skip
+_CASTS: Final = (
+    "double", "single", "boolean", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+)  # fmt: skip
+
+
+def applied(builder: GraphBuilder, name: str, args: list[Nodes]) -> Nodes | None:
+    """A function of node arrays; None for one that is not known."""
+    if len(args) == 1 and (name in PLAIN or name == "not"):
+        return each(builder, name, *args)
+    rule = _RULES.get(len(args), {}).get(name)
+    if rule is not None:
+        return rule(builder, *args)
+    if name in ("min", "max", "sum", "prod") and len(args) == 1 and args[0].ndim == 2 and 1 in args[0].shape:
+        op = {"sum": "add", "prod": "mul"}.get(name, name)
+        return np.array([[fold(builder, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
+    return args[0] if name in _CASTS and len(args) == 1 else None  # physical values are kept
+
+
+def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Nodes:
+    """Return a remainder of a / b, which is 0 where b is no whole number, but a is one times b but for rounding.
+
+    So do MATLAB and the generated code: `mod(0.3, 0.1)` is 0, though 0.1 is contained in 0.3 just twice.
+    """
+    if all(_is_whole(builder.value(int(node))) for node in b.ravel()):
+        return rest
+    ratio = each(builder, "abs", each(builder, "div", a, b))
+    nearest = each(builder, "floor", each(builder, "add", ratio, _constant(builder, 0.5)))
+    off = each(builder, "abs", each(builder, "sub", ratio, nearest))
+    is_near = each(builder, "le", off, each(builder, "mul", _constant(builder, math.ulp(1.0)), ratio))
+    is_broken = each(builder, "ne", b, each(builder, "floor", b))
+    return each(builder, "select", each(builder, "and", is_near, is_broken), _constant(builder, 0.0), rest)
+
+
+def _is_whole(value: float | None) -> bool:
+    return value is not None and (not math.isfinite(value) or value == math.floor(value))
+
+
+def _remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """What is left of a after whole steps of b towards 0; not a number where b is 0."""
+    return _with_infinite(builder, without_rest(builder, _plain_remainder(builder, a, b), a, b), a, b)
+
+
+def _remainder_in_c(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """The same as C's `fmod`, which takes numbers as they are."""
+    return _with_infinite(builder, _plain_remainder(builder, a, b), a, b)
+
+
+def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    whole = towards_zero(builder, each(builder, "div", a, b))
+    return each(builder, "sub", a, each(builder, "mul", whole, b))
+
+
+def _with_infinite(builder: GraphBuilder, made: Nodes, a: Nodes, b: Nodes) -> Nodes:
+    """A remainder that is a where b is infinite."""
+    return made if _is_finite(builder, b) else each(builder, "select", _within_infinity(builder, a, b), a, made)
+
+
+def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """What is left of a after whole steps of b downwards; a where b is 0, or infinite and of the sign of a."""
+    made = without_rest(builder, each(builder, "mod", a, b), a, b)
+    if _is_finite(builder, b):
+        return made
+    zero = _constant(builder, 0.0)
+    other_side = each(builder, "lt", each(builder, "mul", each(builder, "sign", a), each(builder, "sign", b)), zero)
+    beyond = each(builder, "select", other_side, b, a)
+    return each(builder, "select", _within_infinity(builder, a, b), beyond, made)
+
+
+def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
+    """Whether all elements are known to be finite."""
+    values = [builder.value(int(node)) for node in array.ravel()]
+    return all(value is not None and math.isfinite(value) for value in values)
+
+
+def _within_infinity(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Whether a is finite and b is not."""
+    infinity = _constant(builder, math.inf)
+    is_beyond = each(builder, "eq", each(builder, "abs", b), infinity)
+    return each(builder, "and", is_beyond, each(builder, "lt", each(builder, "abs", a), infinity))
+
+
+def _hypotenuse(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    return each(builder, "sqrt", each(builder, "add", each(builder, "mul", a, a), each(builder, "mul", b, b)))
+
+
+def _constant(builder: GraphBuilder, value: float) -> Nodes:
+    """A constant that expands against arrays of any number of dimensions."""
+    return np.array(builder.const(value), dtype=np.int64)
+
+
+def _asinh(builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Odd, so that large negative numbers do not cancel out; the slope at 0 is 1."""
+    negative = each(builder, "lt", x, _constant(builder, 0.0))
+    size = each(builder, "select", negative, each(builder, "neg", x), x)
+    root = each(builder, "sqrt", each(builder, "add", each(builder, "mul", x, x), _constant(builder, 1.0)))
+    made = each(builder, "log", each(builder, "add", size, root))
+    return each(builder, "select", negative, each(builder, "neg", made), made)
+
+
+def _acosh(builder: GraphBuilder, x: Nodes) -> Nodes:
+    root = each(builder, "sqrt", each(builder, "sub", each(builder, "mul", x, x), _constant(builder, 1.0)))
+    return each(builder, "log", each(builder, "add", x, root))
+
+
+def _atanh(builder: GraphBuilder, x: Nodes) -> Nodes:
+    ratio = each(
+        builder,
+        "div",
+        each(builder, "add", _constant(builder, 1.0), x),
+        each(builder, "sub", _constant(builder, 1.0), x),
+    )
+    return each(builder, "mul", _constant(builder, 0.5), each(builder, "log", ratio))
+
+
+def _operation(op: str) -> Rule:
+    return lambda builder, *args: each(builder, op, *args)
+
+
+ONE: Final[Mapping[str, Rule]] = {"fix": towards_zero, "uminus": _operation("neg")}
+TWO: Final[Mapping[str, Rule]] = {
+    "atan2": _operation("atan2"),
+    "mod": _modulus,
+    "power": _operation("pow"),
+    "plus": _operation("add"),
+    "minus": _operation("sub"),
+    "times": _operation("mul"),
+    "rdivide": _operation("div"),
+    "hypot": _hypotenuse,
+    "rem": _remainder,
+}
+INVERSE_HYPERBOLIC: Final[Mapping[str, Rule]] = {"asinh": _asinh, "acosh": _acosh, "atanh": _atanh}
+_ONE_ELSEWHERE: Final[Mapping[str, Rule]] = {
+    "ln": _operation("log"),
+    "sgn": _operation("sign"),
+    "fabs": _operation("abs"),
+    "square": lambda builder, x: each(builder, "mul", x, x),
+    "reciprocal": lambda builder, x: each(builder, "div", _constant(builder, 1.0), x),
+}
+_TWO_ELSEWHERE: Final[Mapping[str, Rule]] = {
+    "pow": _operation("pow"),
+    "fmod": _remainder_in_c,
+    "min": _operation("min"),
+    "max": _operation("max"),
+}
+_RULES: Final[Mapping[int, Mapping[str, Rule]]] = {1: {**ONE, **_ONE_ELSEWHERE}, 2: {**TWO, **_TWO_ELSEWHERE}}
+
+KNOWN: Final = frozenset({*PLAIN, "not", *_RULES[1], *_RULES[2], *_CASTS, "sum", "prod"})
+
+
+def spaced(calls: "Calls", tree: m.Range) -> Nodes:
+    """`first:step:last`; rounding does not take the last number away.
+
+    The beginning may depend on signals where the distance to the end does not, as in `k:k+2`.
+    """
+    first, last = calls.nodes(tree.first), calls.nodes(tree.last)
+    step = 1.0 if tree.step is None else calls.number(tree.step, "the step of a range")
+    if first.size != 1 or last.size != 1:
+        raise CodeError("a range from or to an array")
+    calls.desk.numbers(np.concatenate([first, last]), "the ends of a range")
+    span = distance(calls, int(first.item()), int(last.item()))
+    if span is None:
+        raise CodeError("the length of a range depends on signals", "Loop over fixed numbers, with if within.")
+    begin, count = calls.desk.constant(int(first.item())), steps_within(calls, span, step)
+    if begin is not None:
+        return constants(calls.builder, begin + step * np.arange(count).reshape(1, -1))
+    return each(calls.builder, "add", first, constants(calls.builder, step * np.arange(count).reshape(1, -1)))
+
+
+def steps_within(calls: "Calls", span: float, step: float) -> int:
+    """How many numbers a range has that goes so far; refused where no model has room for them."""
+    steps = span / step if step else -1.0
+    if math.isnan(steps):
+        raise CodeError("the ends of a range are no numbers")
+    calls.desk.room(steps)
+    return math.floor(steps * (1 + 1e-12) + 1e-10) + 1 if steps > -1 else 0
+
+
+def distance(calls: "Calls", first: int, last: int) -> float | None:
+    """How far it is from one node to another, where that is fixed: both are, or the same signal plus fixed numbers."""
+    begin, end = calls.desk.constant(first), calls.desk.constant(last)
+    if begin is not None and end is not None:
+        return end - begin
+    (base, offset), (other, more) = _offset(calls, first), _offset(calls, last)
+    return more - offset if base == other else None
+
+
+def _offset(calls: "Calls", node: int) -> tuple[int, float]:
+    total = 0.0
+    for _ in range(100):
+        op, args, _ = calls.builder.nodes[node]
+        fixed = [calls.desk.constant(arg) for arg in args] if op in ("add", "sub") else []
+        if fixed and fixed[1] is not None:
+            node, total = args[0], total + (fixed[1] if op == "add" else -fixed[1])
+        elif fixed and fixed[0] is not None and op == "add":
+            node, total = args[1], total + fixed[0]
+        else:
+            break
+    return node, total

@@ -1,0 +1,20 @@
+"""Functions that code may call, by family; importing them registers them in `LIBRARY`."""
+
+from kennfeld.models.imperative.library import (
+    array_functions,
+    container_functions,
+    elementwise_functions,
+    interpolation_functions,
+    reduction_functions,
+)
+from kennfeld.models.imperative.library.function_registry import LIBRARY, TAKES_TABLES
+
+__all__ = [
+    "LIBRARY",
+    "TAKES_TABLES",
+    "array_functions",
+    "container_functions",
+    "elementwise_functions",
+    "interpolation_functions",
+    "reduction_functions",
+]

@@ -1,0 +1,377 @@
+"""Runs statements of MATLAB over variables that hold nodes: both sides of a decision are built.
+
+A variable takes the side whose condition holds. `break`, `continue` and `return` are conditions too: what stands behind
+them is built as the other side of a decision.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.traversal import way_of
+from kennfeld.models.imperative.control_flow import Loops, State, joined
+from kennfeld.models.imperative.element_access import assigned
+from kennfeld.models.imperative.evaluation_context import Desk
+from kennfeld.models.imperative.evaluation_errors import CodeError, EndedError
+from kennfeld.models.imperative.expression_evaluator import Calls, chooses, chosen_elements
+from kennfeld.models.imperative.node_arrays import Nodes, fold
+from kennfeld.models.imperative.path_facts import either, known, negated
+from kennfeld.models.imperative.symbolic_values import EMPTY, Cells, Held, Later, Partial, Unclear, array_of, resolved
+
+__all__ = ["GLOBAL", "Body"]
+
+GLOBAL = "global"  # the function that shared variables are kept under
+_SILENT = frozenset(
+    {"disp", "fprintf", "warning", "assert", "printf", "display", "tic", "toc", "figure", "plot", "drawnow", "pause"}
+    | {"narginchk", "nargoutchk", "validateattributes", "keyboard", "beep", "clc", "close", "clear", "format", "hold"}
+)
+
+
+@dataclass(eq=False)
+class Frame:
+    """A function that is being followed: how it was called, and which of its variables are persistent."""
+
+    name: str = ""
+    given: int = 0
+    wanted: int = 1
+    persistent: list[str] = field(default_factory=list)
+    functions: Mapping[str, m.FunctionDefinition] = field(default_factory=dict)
+    shared: list[str] = field(default_factory=list)
+
+
+class Body:
+    """Code along one path, and its variables so far.
+
+    `names` are the variables; `run` follows statements, `value` evaluates an expression, `decide` builds both sides of
+    a decision, `call` runs a function. All raise `CodeError`.
+    """
+
+    def __init__(self, desk: Desk, names: Mapping[str, Held] | None = None, frame: Frame | None = None) -> None:
+        self.desk, self.builder = desk, desk.builder
+        self.state = State(dict(names or {}))
+        self.frame = frame or Frame(functions=desk.functions)
+        self.calls = Calls(self)
+        self.loops = Loops(self)
+        # told of each `if`, what was before it, and how often it asked isempty
+        self.watch: Callable[[m.If, State, int], None] | None = None
+        self.questions = 0  # how often a persistent variable was asked for a value that it did not have yet
+
+    @property
+    def names(self) -> dict[str, Held]:
+        """The variables."""
+        return self.state.names
+
+    # statements
+
+    def run(self, statements: Sequence[m.Statement]) -> None:
+        """Follow statements, up to where a jump is certain."""
+        for at, statement in enumerate(statements, 1):
+            self.desk.step()
+            try:
+                self._statement(statement)
+            except CodeError as error:
+                raise error if error.line else CodeError(error.what, error.mend, statement.place.line) from None
+            going = self.going()
+            if going is not None:
+                self.decide(going, partial(self._go_on, statements[at:]))
+                return
+
+    def going(self) -> int | None:
+        """The condition under which no jump was met; None where there was none for certain."""
+        met = self.builder.const(0.0)
+        for node in self.state.jumps.values():
+            met = either(self.builder, met, node)
+        return None if known(self.builder, self.state.facts, met) is False else negated(self.builder, met)
+
+    def _go_on(self, rest: Sequence[m.Statement]) -> None:
+        self.state.jumps.clear()
+        self.run(rest)
+
+    def _statement(self, statement: m.Statement) -> None:
+        match statement:
+            case m.Assign((target,), value):
+                self._assign(target, value)
+            case m.Assign(targets, value):
+                self._assign_several(targets, value)
+            case m.If(branches, otherwise):
+                self._if(statement, branches, otherwise)
+            case m.For(target, values, body):
+                self.loops.over(target, values, body)
+            case m.While(condition, body):
+                self.loops.as_long_as(condition, body)
+            case m.Switch(subject, cases, otherwise):
+                self._switch(resolved(self.value(subject)), cases, otherwise)
+            case m.Jump(kind):
+                self.state.jumps[kind] = self.builder.const(1.0)
+            case m.Declaration(kind, names):
+                self._declare(kind, names)
+            case m.Evaluate(expression):
+                self._evaluate(expression)
+            case m.Command("error", _):
+                raise EndedError
+            case m.Command(name, _) if name in _SILENT or name.startswith("coder."):
+                return
+            case _:
+                raise CodeError(f"a statement that is not supported ({type(statement).__name__.lower()})")
+
+    def _evaluate(self, expression: m.Expression) -> None:
+        """An expression alone: a call for what it does; what is only told is passed over."""
+        name = _called(expression)
+        if name == "error":
+            raise EndedError
+        if name in _SILENT or (name or "").startswith("coder."):
+            return
+        if isinstance(expression, m.Call) and isinstance(expression.of, m.Name):
+            self.calls.several(expression.of.name, expression.arguments, 0)
+        elif isinstance(expression, m.Name) and expression.name not in self.names:
+            self.calls.several(expression.name, (), 0)
+        else:
+            self.value(expression)
+
+    def _declare(self, kind: str, names: Sequence[str]) -> None:
+        if kind == "global":
+            self._share(names)
+            return
+        for name in names:
+            self.frame.persistent.append(name)
+            unset = Partial(EMPTY, self.builder.const(0.0))
+            self.names[name] = self.state.kept.get((self.frame.name, name), unset)
+
+    def _share(self, names: Sequence[str]) -> None:
+        """Variables that all functions share, which the host has given."""
+        for name in names:
+            if (GLOBAL, name) not in self.state.kept:
+                raise CodeError(f"global {name}: the block has no data store of this name", "Make it an input.")
+            self.frame.shared.append(name)
+            self.names[name] = self.state.kept[GLOBAL, name]
+
+    # values
+
+    def value(self, tree: m.Expression) -> Held:
+        """The value of an expression."""
+        return self.calls.value(tree)
+
+    def nodes(self, tree: m.Expression, what: str = "it") -> Nodes:
+        """The value of an expression as an array of nodes."""
+        return array_of(self.value(tree), what)
+
+    def read(self, name: str) -> Held:
+        """A variable that has a value here."""
+        held = self.names[name]
+        if isinstance(held, Later):
+            held = self.names[name] = resolved(held)
+        if isinstance(held, Partial):
+            if not known(self.builder, self.state.facts, held.defined):
+                raise CodeError(f"{name} has no value in every case", f"Give {name} a value before the decision.")
+            return held.value
+        if isinstance(held, Unclear):
+            raise CodeError(held.why, held.mend)
+        return self._simpler(held) if isinstance(held, np.ndarray) else held
+
+    def _simpler(self, nodes: Nodes) -> Held:
+        """Nodes without the decisions that are known on this path."""
+        if not self.state.facts or nodes.size > 100:
+            return nodes
+        made = nodes.copy()
+        for place, first in np.ndenumerate(nodes):
+            node = int(first)
+            while self.builder.nodes[node].op == "select":
+                choice, yes, no = self.builder.nodes[node].args
+                found = known(self.builder, self.state.facts, choice)
+                if found is None:
+                    break
+                node = yes if found else no
+            made[place] = node
+        return made
+
+    def truth(self, held: Held) -> int:
+        """The condition that a value is as one: whether all of its elements hold, and there are any."""
+        nodes = array_of(resolved(held), "a condition")
+        if nodes.size == 0:
+            return self.builder.const(0.0)
+        return int(nodes.item()) if nodes.size == 1 else fold(self.builder, "and", [int(n) for n in nodes.ravel()])
+
+    def within(self, names: Mapping[str, Held], make: Callable[[], Held]) -> Held:
+        """What is made while the variables are others."""
+        self._keep_shared()
+        outer, around = self.state, self.frame
+        self.state, self.frame = State(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
+        made = make()
+        self.state, self.frame = replace(outer, kept=self.state.kept), around
+        return made
+
+    # assignments
+
+    def assign(self, target: m.Expression | None, value: Held) -> None:
+        """Give a variable, or a part of one, a value."""
+        if isinstance(target, m.Name):
+            self.names[target.name] = value
+        elif target is not None:
+            name = _base(target)
+            old = self.names.get(name)
+            whole = self.read(name) if old is not None and not self._undefined(old) else None
+            self.names[name] = assigned(self.calls, whole, target, resolved(value))
+
+    def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
+        if target is not None and chooses(self.calls, target, tree):
+            assert isinstance(target, m.Call)
+            self.names[_base(target)] = chosen_elements(self.calls, target, tree)
+        else:
+            self.assign(target, self.value(tree))
+
+    def _undefined(self, held: Held) -> bool:
+        return isinstance(held, Partial) and not known(self.builder, self.state.facts, held.defined)
+
+    def _assign_several(self, targets: Sequence[m.Expression | None], value: m.Expression) -> None:
+        name = _called(value)
+        arguments = value.arguments if isinstance(value, m.Call) else ()
+        if name is None or name in self.names:
+            raise CodeError("several results are taken of what is no function")
+        results = self.calls.several(name, arguments, len(targets))
+        if len(results) < len(targets):
+            raise CodeError(f"{name} gives {len(results)} results where {len(targets)} are taken")
+        for target, result in zip(targets, results, strict=False):
+            self.assign(target, result)
+
+    # decisions
+
+    def decide(self, condition: int, yes: Callable[[], None], no: Callable[[], None] = lambda: None) -> None:
+        """Build both sides of a decision, or the one that is known to be taken."""
+        fixed = known(self.builder, self.state.facts, condition)
+        if fixed is not None:
+            (yes if fixed else no)()
+            return
+        before = self.state
+        one, other = (self._side(condition, holds, side) for holds, side in ((True, yes), (False, no)))
+        if one is None and other is None:
+            raise EndedError
+        if one is None or other is None:
+            self.state = one or other or before
+        else:
+            self.state = joined(self.builder, condition, one, other, before)
+
+    def _side(self, condition: int, holds: bool, make: Callable[[], None]) -> State | None:
+        """What one side of a decision leaves; None where it ends in an error."""
+        before, frame, depth, ends = self.state, self.frame, len(self.desk.calling), len(self.calls.ends)
+        self.state = before.under(self.builder, condition, holds)
+        try:
+            make()
+            made = self.state
+        except EndedError:
+            made = None
+            del self.desk.calling[depth:], self.calls.ends[ends:]
+            self.frame = frame
+        self.state = before
+        return made
+
+    def _if(self, whole: m.If, branches: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
+        first, rest, before = branches[0], branches[1:], self.state
+        if self.watch is not None:
+            before = replace(before, names=dict(before.names), kept=dict(before.kept))
+        asked = self.questions
+        condition = self.truth(self.value(first.condition))
+        asked = self.questions - asked
+        no = (lambda: self._if(whole, rest, otherwise)) if rest else (lambda: self.run(otherwise))
+        self.decide(condition, lambda: self.run(first.body), no)
+        if self.watch is not None:
+            self.watch(whole, before, asked)
+
+    def _switch(self, subject: Held, cases: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
+        if not cases:
+            self.run(otherwise)
+            return
+        condition = self._matches(subject, self.value(cases[0].condition))
+        rest = cases[1:]
+        self.decide(condition, lambda: self.run(cases[0].body), lambda: self._switch(subject, rest, otherwise))
+
+    def _matches(self, subject: Held, case: Held) -> int:
+        """Whether a case is that of a switch."""
+        if isinstance(case, Cells):
+            found = self.builder.const(0.0)
+            for one in case.cells:
+                found = either(self.builder, found, self._matches(subject, one))
+            return found
+        if isinstance(subject, str) or isinstance(case, str):
+            return self.builder.const(float(subject == case if isinstance(subject, type(case)) else 0.0))
+        left, right = array_of(subject, "what switch decides on"), array_of(case, "a case")
+        if left.size != 1 or right.size > 1:
+            raise CodeError("switch decides on several elements")
+        return self.builder.call("eq", int(left.item()), int(right.item())) if right.size else self.builder.const(0.0)
+
+    # functions
+
+    def call(
+        self, function: m.FunctionDefinition, arguments: Sequence[Held], wanted: int = 1, frame: str = ""
+    ) -> tuple[Held, ...]:
+        """Run a function with its own variables and give its results; those without a value are left out."""
+        name = frame or f"{function.name} {id(function)}"
+        if any(function is one for one in self.desk.calling):
+            raise CodeError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
+        if len(arguments) > len(function.parameters) and "varargin" not in function.parameters[-1:]:
+            raise CodeError(f"{function.name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
+        self._keep_shared()
+        outer, around = self.state, self.frame
+        self.frame = Frame(name, len(arguments), wanted, [], self.desk.beside(function))
+        self.state = State(_given(function, arguments), outer.kept, {}, outer.facts)
+        results = self._followed(function, wanted)
+        self.state, self.frame = replace(outer, kept=self.state.kept), around
+        for name in self.frame.shared:
+            self.names[name] = self.state.kept[GLOBAL, name]
+        return results
+
+    def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[Held, ...]:
+        """The results of a function whose frame and variables are those of the body by now."""
+        self.desk.calling.append(function)
+        self.run(function.body)
+        self.desk.calling.pop()
+        self._keep()
+        return tuple(self._results(function, wanted))
+
+    def _keep(self) -> None:
+        """Note the values of persistent variables for the next call."""
+        for name in self.frame.persistent:
+            self.state.kept[self.frame.name, name] = self.names[name]
+        self._keep_shared()
+
+    def _keep_shared(self) -> None:
+        for name in self.frame.shared:
+            self.state.kept[GLOBAL, name] = self.names[name]
+
+    def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[Held]:
+        for name in function.results[: max(wanted, 1)]:
+            if name not in self.names:
+                yield Unclear(f"{function.name} gives {name} no value", f"Give {name} a value in every case.")
+            elif self._undefined(self.names[name]):
+                yield Unclear(
+                    f"{function.name} gives {name} no value, or not in every case", f"Give {name} a value first."
+                )
+            else:
+                held = self.names[name]
+                yield held if isinstance(held, Unclear) else self.read(name)
+
+
+def _given(function: m.FunctionDefinition, arguments: Sequence[Held]) -> dict[str, Held]:
+    names = list(function.parameters)
+    if names[-1:] == ["varargin"]:
+        fixed = len(names) - 1
+        rest = tuple(arguments[fixed:])
+        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": Cells(rest, (1, len(rest)))}
+    return dict(zip(names, arguments, strict=False))
+
+
+def _called(tree: m.Expression) -> str | None:
+    """The name of the function that an expression calls, with its dots."""
+    way = way_of(tree.of if isinstance(tree, m.Call) else tree)
+    return ".".join(way) if way is not None else None
+
+
+def _base(tree: m.Expression) -> str:
+    """The variable that an assignment changes."""
+    while isinstance(tree, (m.Field, m.DynamicField, m.Call, m.CellIndex)):
+        tree = tree.of
+    if not isinstance(tree, m.Name):
+        raise CodeError("it assigns to what is no variable")
+    return tree.name

@@ -1,0 +1,41 @@
+"""Block handlers by the library of Simulink that has the block; importing them registers them."""
+
+from kennfeld.models.simulink.blocks import (
+    bit_operations,
+    compensators,
+    continuous,
+    delays,
+    discontinuities,
+    discrete,
+    logic,
+    lookup_tables,
+    math_operations,
+    matrix_operations,
+    pid_controllers,
+    ports_and_subsystems,
+    prelookup_tables,
+    signal_attributes,
+    signal_routing,
+    sources,
+    user_defined_functions,
+)
+
+__all__ = [
+    "bit_operations",
+    "compensators",
+    "continuous",
+    "delays",
+    "discontinuities",
+    "discrete",
+    "logic",
+    "lookup_tables",
+    "math_operations",
+    "matrix_operations",
+    "pid_controllers",
+    "ports_and_subsystems",
+    "prelookup_tables",
+    "signal_attributes",
+    "signal_routing",
+    "sources",
+    "user_defined_functions",
+]

@@ -1,0 +1,30 @@
+"""Blocks that hold a program, MATLAB Functions and charts; what follows one is loaded where one occurs."""
+
+from collections.abc import Iterable
+
+from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.registry import block
+from kennfeld.models.simulink.signals import Wired
+
+
+@block("MATLAB Function")
+def matlab_function(site: Site) -> tuple[Wired, ...]:
+    """What the function's results are, in the order in which it names them."""
+    from kennfeld.models.simulink import matlab_function as lowering
+
+    return lowering.matlab_function(site)
+
+
+def _early(site: Site) -> Iterable[int]:
+    """The inputs that a chart needs before it runs."""
+    from kennfeld.models.simulink.stateflow import chart_block
+
+    return chart_block.early(site)
+
+
+@block("Chart", needs=_early, held=False)
+def chart(site: Site) -> tuple[Wired, ...]:
+    """One execution of a chart in each hit of its sample time, or at its events."""
+    from kennfeld.models.simulink.stateflow import chart_block
+
+    return chart_block.chart(site)

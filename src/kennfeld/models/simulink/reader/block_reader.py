@@ -1,0 +1,372 @@
+"""The mask of a block, in the three ways in which files have written it.
+
+A `<Mask>` element (since R2016), an object of the class Simulink.Mask (since R2013), and before that one string for
+all variables, one for all values, and so on.
+
+From sections to the tree: systems, blocks, ports and lines.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+from kennfeld.models.simulink.reader.model_tree import (
+    Block,
+    Chart,
+    Endpoint,
+    Line,
+    Mask,
+    MaskParameter,
+    Ports,
+    Reference,
+    System,
+    joined,
+)
+from kennfeld.models.simulink.reader.section_tree import Section, Trouble, normalised
+
+__all__ = ["Builder", "mask_of"]
+
+_BAR = re.compile(r"(?<!\\)\|")  # separates values; one that belongs to a value has a backslash before it
+_VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
+
+_DEEPEST = 60  # subsystems within subsystems
+_NAMING = frozenset({"BlockType", "Name", "SID", "Ports", "ClassName", "PropName", "ObjectID"})
+_LINKING = frozenset(
+    {
+        "AncestorBlock",
+        "ContentPreviewEnabled",
+        "LibraryVersion",
+        "LinkData",
+        "Position",
+        "SourceBlock",
+        "SourceProductBaseCode",
+        "SourceProductName",
+        "SourceType",
+        "ZOrder",
+    }
+)
+_LOOKS = re.compile(
+    r"(Font|Show|Name(Placement|Location)|(Fore|Back)groundColor|DropShadow|Block(Mirror|Rotation)|Mask)"
+)
+_KINDS = ("inputs", "outputs", "enable", "trigger", "state", "lconn", "rconn", "ifaction", "reset")
+_COUNTED = {"in": "inputs", "out": "outputs"} | {kind: kind for kind in _KINDS[2:]}
+_ADDRESS = re.compile(r"(.*)#([A-Za-z]+)(?::(\d{1,9}))?\s*\Z", re.DOTALL)
+_PORT = re.compile(r"\s*(?:([A-Za-z]+):?)?(\d{0,9})\s*\Z")
+_NUMBER = re.compile(r"\d{1,6}")
+_SPECIAL = {"stateport": "state", "action": "ifaction"}
+_MOST_PORTS = 10_000  # of a block
+
+
+def mask_of(block: Section) -> Mask | None:
+    """The mask in a block's section; None where it has none."""
+    instance = block.first("InstanceData")
+    element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
+    if element is not None:
+        return _mask(element, element.all("MaskParameter"))
+    made = next((p for p in block.parts if p.keys.get("PropName") == "MaskObject"), None)
+    if made is not None:
+        return _mask(made, _parameter_objects(made))
+    return _flat(block) if block.keys.get("MaskVariables") or block.keys.get("MaskType") else None
+
+
+def _mask(section: Section, parameters: Iterable[Section]) -> Mask:
+    found = tuple(_parameter(part) for part in parameters)
+    return Mask(section.get("Type"), found, section.get("Initialization"))
+
+
+def _parameter_objects(mask: Section) -> list[Section]:
+    """The objects of the parameters: one by itself, or several in an array."""
+    found: list[Section] = []
+    for part in mask.parts:
+        if part.keys.get("PropName") == "Parameters":
+            found += [inner for inner in part.parts if "Name" in inner.keys] if part.kind == "Array" else [part]
+    return found
+
+
+def _parameter(section: Section) -> MaskParameter:
+    return MaskParameter(
+        section.get("Name"),
+        section.get("Value"),
+        section.get("Type", "edit"),
+        section.get("Evaluate", "on") != "off",
+        section.get("Prompt"),
+        _options(section),
+    )
+
+
+def _options(section: Section) -> tuple[str, ...]:
+    """The choices of a popup: a list of its own, or an array."""
+    arrays = (part for part in section.all("Array") if part.keys.get("PropName") == "TypeOptions")
+    found = section.first("TypeOptions") or next(arrays, None)
+    return tuple(part.text.strip() for part in found.parts) if found is not None else ()
+
+
+def _flat(block: Section) -> Mask:
+    keys = block.keys
+    values = _split(keys.get("MaskValueString", ""))
+    styles, choices = _styles(keys.get("MaskStyleString", ""))
+    prompts = _split(keys.get("MaskPromptString", ""))
+    parameters = []
+    for variable in keys.get("MaskVariables", "").split(";"):
+        found = _VARIABLE.match(variable)
+        if found is None:
+            continue
+        at = int(found[3][:6]) - 1
+        parameters.append(
+            MaskParameter(
+                found[1],
+                _at(values, at),
+                _at(styles, at) or "edit",
+                found[2] == "@",
+                _at(prompts, at),
+                tuple(_split(_at(choices, at))) if _at(choices, at) else (),
+            )
+        )
+    return Mask(keys.get("MaskType", ""), tuple(parameters), keys.get("MaskInitialization", ""))
+
+
+def _split(text: str) -> list[str]:
+    return [value.replace("\\|", "|") for value in _BAR.split(text)]
+
+
+def _styles(text: str) -> tuple[list[str], list[str]]:
+    """The kinds of the dialog's fields, and the choices of a popup, which stand in brackets behind its kind.
+
+    >>> _styles("edit,popup(slow|fast),checkbox")
+    (['edit', 'popup', 'checkbox'], ['', 'slow|fast', ''])
+    """
+    fields, depth = [""], 0
+    for character in text:
+        depth += (character == "(") - (character == ")")
+        if character == "," and depth == 0:
+            fields.append("")
+        else:
+            fields[-1] += character
+    parts = [field.partition("(") for field in fields]
+    return [kind.strip() for kind, _, _ in parts], [rest.removesuffix(")") for _, _, rest in parts]
+
+
+def _at(texts: list[str], at: int) -> str:
+    return texts[at] if 0 <= at < len(texts) else ""
+
+
+class Builder:
+    """Makes systems of sections.
+
+    `load` gives the section of a system that is kept in a part of its own, `charts` are by the paths of their blocks,
+    `defaults` by block type.
+    """
+
+    def __init__(
+        self,
+        trouble: Trouble,
+        load: Callable[[str], Section | None],
+        charts: Mapping[str, Chart],
+        defaults: Mapping[str, Mapping[str, str]],
+    ) -> None:
+        self.trouble = trouble
+        self.load = load
+        self.charts = charts
+        self.defaults = defaults
+        self.enumerations: dict[str, None] = {}
+        self._used: set[str] = set()  # each holds the content of one block; shared ones could multiply without end
+
+    def system(self, section: Section, path: tuple[str, ...] = ()) -> System:
+        """The system of a section, with everything below it."""
+        name = section.keys.get("Ref")
+        if name is not None:
+            return self._separate(name, path)
+        if len(path) > _DEEPEST:
+            where = joined(*path)[:80]
+            raise self.trouble.refuse(f"({where})", f"has subsystems more than {_DEEPEST} levels deep")
+        blocks = [self._block(part, number, path) for number, part in enumerate(section.all("Block"))]
+        blocks = self._distinct(blocks, path)
+        return System(tuple(blocks), self._lines(section, blocks, path))
+
+    def _separate(self, name: str, path: tuple[str, ...]) -> System:
+        place = f"({joined(*path)[:80] or 'the root'})"
+        if name in self._used:
+            raise self.trouble.refuse(place, f"has its content in {name[:80]}, which is used twice")
+        self._used.add(name)
+        section = self.load(name)
+        if section is None:
+            what = f"has its content in {name[:80]}, which is missing or broken"
+            self.trouble.error(place, what, "Take a complete copy of the file.")
+            return System()
+        if "Ref" in section.keys:
+            raise self.trouble.refuse(place, f"has its content in {name[:80]}, which holds none")
+        return self.system(section, path)
+
+    def _block(self, section: Section, number: int, parents: tuple[str, ...]) -> Block:
+        keys = section.keys
+        kind, name = keys.get("BlockType", ""), normalised(keys.get("Name", ""))
+        names = (*parents, name)
+        path = joined(*names)
+        instance = section.first("InstanceData")
+        parameters = {key: value for key, value in keys.items() if key not in _NAMING}
+        if instance is not None:
+            parameters |= instance.keys
+        parameters |= _bus_element(section)
+        self._enumerations(parameters)
+        inner = section.first("System")
+        chart = self.charts.get(path) if keys.get("SFBlockType", "NONE") != "NONE" else None
+        return Block(
+            type=kind,
+            name=name,
+            sid=keys.get("SID") or f"{number + 1}@{path}",
+            path=path,
+            parameters=parameters,
+            defaults=self.defaults.get(kind, {}),
+            ports=self._counted(section, path),
+            mask=mask_of(section),
+            reference=_reference(kind, parameters, instance),
+            system=self.system(inner, names) if inner is not None else None,
+            script=chart.script if chart is not None else "",
+            chart=chart,
+            model=_model(keys) if kind == "ModelReference" else "",
+            signals=_signals(section),
+            attached=dict(section.links),
+            lists=_lists(section),
+        )
+
+    def _counted(self, section: Section, path: str) -> Ports | None:
+        found = _ports(section)
+        most = max(found.inputs, found.outputs) if found is not None else 0
+        if most > _MOST_PORTS:
+            raise self.trouble.refuse(f"({path[:80]})", f"has {most} ports, and {_MOST_PORTS} is the most")
+        return found
+
+    def _enumerations(self, parameters: Mapping[str, str]) -> None:
+        written = parameters.get("OutDataTypeStr", "")
+        if written.startswith("Enum:"):
+            self.enumerations[written[5:].strip()] = None
+
+    def _distinct(self, blocks: list[Block], path: tuple[str, ...]) -> list[Block]:
+        """The blocks, each with a SID of its own, as lines that go by names need it."""
+        seen: set[str] = set()
+        for number, block in enumerate(blocks):
+            if block.sid in seen:
+                what = f"has two blocks with the SID {block.sid[:40]}; lines that go by it go to the first"
+                self.trouble.remark(f"{joined(*path)[:80] or 'the root'} {what}")
+                blocks[number] = block = replace(block, sid=f"{number + 1}@{block.path}")
+            seen.add(block.sid)
+        return blocks
+
+    def _lines(self, section: Section, blocks: list[Block], path: tuple[str, ...]) -> tuple[Line, ...]:
+        addresses = _Addresses(blocks)
+        lines = [_line(part, addresses) for part in section.all("Line")]
+        for unknown in addresses.unknown:
+            place = joined(*path)[:80] or "the root"
+            self.trouble.remark(f"{place} has a line at {unknown[:80]}, which is not there; it counts as loose")
+        return tuple(lines)
+
+
+class _Addresses:
+    """Finds the blocks of one system by the SIDs or the names that its lines use."""
+
+    def __init__(self, blocks: list[Block]) -> None:
+        self.by_sid = {block.sid: block for block in blocks}
+        self.by_name = {block.name: block for block in reversed(blocks)}
+        self.unknown: list[str] = []
+
+    def end(self, section: Section, side: str) -> Endpoint | None:
+        """The source ("Src") or destination ("Dst") that a line or branch names; None where it names none."""
+        keys = section.keys
+        if side in keys:
+            found = _ADDRESS.match(keys[side])
+            block = self.by_sid.get(found[1]) if found else None
+            return self._endpoint(block, keys[side], found[2] if found else "", found[3] if found else "")
+        name = keys.get(f"{side}Block")
+        if name is None:
+            return None
+        port = _PORT.match(keys.get(f"{side}Port", "1"))
+        block = self.by_name.get(normalised(name))
+        usual = "out" if side == "Src" else "in"
+        return self._endpoint(block, name, (port[1] if port else "") or usual, port[2] if port else "")
+
+    def _endpoint(self, block: Block | None, written: str, port: str, number: str | None) -> Endpoint | None:
+        at = int(number) if number else 1
+        if block is None or at > _MOST_PORTS:
+            self.unknown.append(written if block is None else f"port {at} of {written}")
+            return None
+        kind = port.lower()
+        return Endpoint(block.sid, _SPECIAL.get(kind, kind), at)
+
+    def name(self, source: Endpoint | None) -> str:
+        """The name that the source block gives its output."""
+        if source is None or source.port != "out":
+            return ""
+        return self.by_sid[source.block].signals.get(source.number, "")
+
+
+def _line(section: Section, addresses: _Addresses) -> Line:
+    source = addresses.end(section, "Src")
+    ends: list[Endpoint] = []
+    waiting = [section]
+    while waiting:
+        branch = waiting.pop()
+        end = addresses.end(branch, "Dst")
+        if end is not None:
+            ends.append(end)
+        waiting.extend(reversed(list(branch.all("Branch"))))
+    return Line(source, tuple(ends), normalised(section.keys.get("Name", "")) or addresses.name(source))
+
+
+def _ports(block: Section) -> Ports | None:
+    """The ports as counted in `<PortCounts in="2" out="1"/>` or `Ports [2, 1]`."""
+    counted = block.first("PortCounts")
+    if counted is not None:
+        given = {_COUNTED[key]: _count(value) for key, value in counted.keys.items() if key in _COUNTED}
+        return Ports(**given)
+    if "Ports" not in block.keys:
+        return None
+    return Ports(*map(_count, _NUMBER.findall(block.keys["Ports"])[: len(_KINDS)]))
+
+
+def _count(written: str) -> int:
+    found = _NUMBER.match(written.strip())
+    return int(found[0]) if found else 0
+
+
+def _signals(block: Section) -> dict[int, str]:
+    """The names of the signals at the output ports."""
+    properties = block.first("PortProperties")
+    given = [*block.all("Port"), *(properties.all("Port") if properties else ())]
+    names = {}
+    for port in given:
+        name = normalised(port.keys.get("Name", ""))
+        if name and port.keys.get("Type", "out") == "out":
+            names[_count(port.keys.get("Index") or port.keys.get("PortNumber", "1"))] = name
+    return names
+
+
+def _lists(section: Section) -> dict[str, tuple[str, ...]]:
+    """The parameters that are arrays of texts, or one text a port."""
+    arrays = {part.keys.get("PropName", ""): part for part in section.all("Array")}
+    found = {name: tuple(one.text for one in part.parts if not one.parts) for name, part in arrays.items()}
+    given = {part.keys.get("ListType", ""): part.keys for part in section.all("List")}
+    return found | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in given.items()}
+
+
+def _bus_element(section: Section) -> dict[str, str]:
+    """What packages say in a list of a port that several blocks share, as the parameters that braces have for it."""
+    lists = (one.keys for one in section.all("List") if one.keys.get("ListType") == "InterfaceData")
+    said = next(lists, {})
+    if said.get("IsComposite") != "1":
+        return {}
+    return {"IsBusElementPort": "on", "Element": said.get("Element", ""), "PortName": said.get("PortName", "")}
+
+
+def _reference(kind: str, parameters: Mapping[str, str], instance: Section | None) -> Reference | None:
+    source = parameters.get("SourceBlock")
+    if kind != "Reference" or source is None:
+        return None
+    given = instance.keys if instance is not None else {}
+    rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | given
+    rest = {key: value for key, value in rest.items() if key not in _LINKING}
+    return Reference(normalised(source), parameters.get("SourceType", ""), rest)
+
+
+def _model(keys: Mapping[str, str]) -> str:
+    """The file of a referenced model, as written."""
+    return next((keys[key] for key in ("ModelNameDialog", "ModelFile", "ModelName") if keys.get(key)), "")

@@ -1,0 +1,201 @@
+"""Stateflow charts from the sections of a file, of the XML layouts and of classic `.mdl` files."""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+
+from kennfeld.models.simulink.reader.model_tree import Chart, ChartData, ChartEvent, ChartState, Junction, Transition
+from kennfeld.models.simulink.reader.section_tree import Section, normalised
+
+__all__ = ["charts_of"]
+
+_KINDS = {
+    "EML_CHART": "MATLAB Function",
+    "2": "MATLAB Function",
+    "TRUTH_TABLE_CHART": "Truth Table",
+    "TRUTHTABLE_CHART": "Truth Table",
+    "1": "Truth Table",
+    "STATE_TRANSITION_TABLE_CHART": "State Transition Table",
+}
+_SETTINGS = ("stateMachineType", "enableNonTerminalStates", "initializeOutput")
+_TABLES = ("state", "junction", "transition", "data", "event")
+
+Content = list[tuple[Section, str, str]]  # section, its id, the id of the state around it
+
+
+def charts_of(stateflow: Section, load: Callable[[str], Section | None]) -> dict[str, Chart]:
+    """The charts of a machine by the paths of their blocks.
+
+    `load` gives a chart that is kept in a part of its own.
+    """
+    machine = stateflow.first("machine")
+    children = machine.first("Children") if machine is not None else None
+    found = [*stateflow.all("chart"), *(children.all("chart") if children is not None else ())]
+    sections = [section for written in found for section in [_resolved(written, load)] if section is not None]
+    names = {instance.keys.get("chart", ""): instance.keys.get("name", "") for instance in stateflow.all("instance")}
+    flat = _Flat(stateflow) if any(stateflow.all(*_TABLES)) else None
+    charts = {}
+    for section in sections:
+        number = section.keys.get("id", "")
+        name = normalised(names.get(number) or section.keys.get("name", ""))
+        charts[name] = _chart(section, name, flat.content.get(number, []) if flat is not None else _nested(section))
+    return charts
+
+
+def _resolved(chart: Section, load: Callable[[str], Section | None]) -> Section | None:
+    return load(chart.keys["Ref"]) if "Ref" in chart.keys else chart
+
+
+def _nested(chart: Section) -> Content:
+    """What an XML chart holds, each with the state around it."""
+    found: Content = []
+    waiting: deque[tuple[Section, str]] = deque([(chart, "")])
+    while waiting:
+        holder, parent = waiting.popleft()
+        children = holder.first("Children")
+        for part in children.parts if children is not None else ():
+            if part.kind in _TABLES:
+                number = part.keys.get("SSID", "")
+                found.append((part, number, parent))
+                if part.kind == "state":
+                    waiting.append((part, number))
+    return found
+
+
+class _Flat:
+    """A classic machine: everything in one list, tied together by numbers."""
+
+    def __init__(self, stateflow: Section) -> None:
+        parts = list(stateflow.all(*_TABLES))
+        self.states = {part.keys.get("id", ""): part for part in parts if part.kind == "state"}
+        self.numbers = {part.keys.get("id", ""): part.keys.get("ssIdNumber", "") for part in parts}
+        self.charts = {chart.keys.get("id", "") for chart in stateflow.all("chart")}
+        self.content: dict[str, Content] = {}
+        for part in parts:
+            entry = (part, self.numbers[part.keys.get("id", "")], self._parent(part))
+            self.content.setdefault(self._chart(part), []).append(entry)
+
+    def _up(self, part: Section) -> str:
+        """The number of what a part belongs to: the first of its treeNode or linkNode."""
+        node = part.keys.get("treeNode") or part.keys.get("linkNode", "")
+        numbers = node.strip("[] ").split()
+        return numbers[0] if numbers else ""
+
+    def _parent(self, part: Section) -> str:
+        up = self._up(part)
+        return "" if up in self.charts else self.numbers.get(up, "")
+
+    def _chart(self, part: Section) -> str:
+        if "chart" in part.keys:
+            return part.keys["chart"]
+        up = self._up(part)
+        if up in self.charts:
+            return up
+        state = self.states.get(up)
+        return state.keys.get("chart", "") if state is not None else ""
+
+
+def _chart(section: Section, name: str, content: Content) -> Chart:
+    keys = section.keys
+    numbers = {part.keys["id"]: number for part, number, _ in content if "id" in part.keys}
+    states = tuple(_state(*entry) for entry in _of(content, "state"))
+    return Chart(
+        id=keys.get("id", ""),
+        name=name,
+        kind=_KINDS.get(keys.get("type", ""), "Chart"),
+        language="MATLAB" if keys.get("actionLanguage") == "2" else "C",
+        decomposition=keys.get("decomposition", "CLUSTER_CHART"),
+        update=keys.get("updateMethod", ""),
+        sample_time=keys.get("sampleTime", ""),
+        script=next((state.script for state in states if state.script), "") if keys.get("type") in _KINDS else "",
+        states=states,
+        junctions=tuple(
+            Junction(number, part.keys.get("type", "CONNECTIVE_JUNCTION"), parent)
+            for part, number, parent in _of(content, "junction")
+        ),
+        transitions=tuple(_transition(*entry, numbers) for entry in _of(content, "transition")),
+        data=tuple(_data(part, parent) for part, _, parent in _of(content, "data")),
+        events=tuple(_event(part, parent) for part, _, parent in _of(content, "event")),
+        execute_at_initialization=keys.get("executeAtInitialization") == "1",
+        bits=keys.get("actionLanguage") == "1",
+        settings={key: keys[key] for key in _SETTINGS if key in keys},
+    )
+
+
+def _of(content: Content, kind: str) -> Iterator[tuple[Section, str, str]]:
+    return (entry for entry in content if entry[0].kind == kind)
+
+
+def _state(section: Section, number: str, parent: str) -> ChartState:
+    keys, code = section.keys, section.first("eml")
+    return ChartState(
+        number,
+        keys.get("labelString", ""),
+        keys.get("type", "OR_STATE"),
+        keys.get("decomposition", "CLUSTER_STATE"),
+        _whole(keys.get("executionOrder", "")),
+        parent,
+        code.get("script") if code is not None else "",
+        keys.get("isNoteBox") == "1",
+        _special(section),
+        _output(section),
+    )
+
+
+def _special(section: Section) -> str:
+    """What a state or function is besides one of the chart."""
+    block, table = section.first("simulink"), section.first("truthTable")
+    if block is not None:
+        return "a Simulink function" if block.get("isSimulinkFcn") == "1" else "a state made of Simulink blocks"
+    if table is not None and table.get("isTruthTable") == "1":
+        return "a truth table"
+    if (
+        section.first("subchart") is not None
+        or section.keys.get("superState") == "ATOMIC"
+        or section.first("component")
+    ):
+        return "an atomic subchart"
+    return ""
+
+
+def _output(section: Section) -> str:
+    output = section.first("activeStateOutput")
+    if output is None:
+        return ""
+    return output.get("customName") or section.keys.get("labelString", "").split("\n")[0].strip().rstrip("/")
+
+
+def _transition(section: Section, number: str, parent: str, numbers: Mapping[str, str]) -> Transition:
+    def end(kind: str) -> str:
+        found = section.first(kind)
+        if found is None:
+            return ""
+        return found.keys.get("SSID") or numbers.get(found.keys.get("id", ""), "")
+
+    order = _whole(section.keys.get("executionOrder", ""))
+    return Transition(number, section.keys.get("labelString", ""), end("src"), end("dst"), order, parent)
+
+
+def _data(section: Section, parent: str) -> ChartData:
+    properties = section.first("props")
+    shape = properties.first("array") if properties is not None else None
+    return ChartData(
+        section.keys.get("name", ""),
+        section.keys.get("scope", "LOCAL_DATA"),
+        properties.get("initialValue") if properties is not None else "",
+        section.keys.get("dataType", ""),
+        shape.get("size") if shape is not None else "",
+        parent,
+        shape.get("firstIndex") if shape is not None else "",
+        section.keys.get("initFromWorkspace") == "1",
+        properties.get("updateMethod") if properties is not None else "",
+        section.first("message") is not None,
+    )
+
+
+def _event(section: Section, parent: str) -> ChartEvent:
+    keys = section.keys
+    return ChartEvent(keys.get("name", ""), keys.get("scope", "LOCAL_EVENT"), keys.get("trigger", ""), parent)
+
+
+def _whole(written: str) -> int:
+    return int(written) if written.isdigit() and len(written) < 10 else 0

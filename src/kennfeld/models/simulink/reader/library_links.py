@@ -1,0 +1,254 @@
+"""Links to libraries, to other models and to files of subsystems: their content, copied to where it is used."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.models.simulink.reader.document import read_document
+from kennfeld.models.simulink.reader.model_tree import Block, Document, Mask, System, split
+
+__all__ = ["Libraries", "Resolved", "is_of_simulink"]
+
+_NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
+_ENDINGS = (".slx", ".mdl")
+_DEEPEST = 100  # subsystems within subsystems, links followed
+_LONGEST_CHAIN = 30  # links to links
+_MOST_BLOCKS = 200_000  # in a model with all links followed
+_OF_SIMULINK = ("simulink", "simulink3", "simulink_extras", "built-in")
+
+
+def is_of_simulink(source: str) -> bool:
+    """Whether a link leads to a library that comes with Simulink itself.
+
+    >>> is_of_simulink("simulink/Discrete/First-Order Hold")
+    True
+    """
+    return (split(source) or ("",))[0] in _OF_SIMULINK
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A document whose links are followed.
+
+    `files` are the files that gave content, by the names of libraries and models. `missing` are the links that no
+    file was found for, with the paths of the blocks that use them; they stay references. `models` are the referenced
+    models, whose workspaces and solvers are their own. `problems` are loops, broken files and unknown blocks.
+    """
+
+    document: Document
+    files: Mapping[str, Path] = field(default_factory=dict)
+    missing: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    models: Mapping[str, Document] = field(default_factory=dict)
+    problems: tuple[Finding, ...] = ()
+
+
+class Libraries:
+    """The libraries and models that lie beside a model, and in further folders.
+
+    A file is looked for by its name in the folder of the file that uses it, then in `folders`, `.slx` before `.mdl`;
+    each is read once. Raises `InputError` where one of `folders` is not there.
+    """
+
+    def __init__(self, folders: Iterable[str | Path] = ()) -> None:
+        self.folders = tuple(Path(folder) for folder in folders)
+        if missing := [folder for folder in self.folders if not folder.is_dir()]:
+            raise InputError(Finding(str(folder), "there is no such folder", "Check the path.") for folder in missing)
+        self._read: dict[Path, Document | InputError] = {}
+
+    def find(self, name: str, beside: Path) -> Path | None:
+        """The file of a library or model, of the name that links use; None where there is none."""
+        stem = re.sub(r"\.(slx|mdl)\Z", "", name)
+        if not _NAME.match(stem):  # a path could name any file of this machine
+            return None
+        endings = _ENDINGS if stem == name else (name[len(stem) :],)
+        places = (folder / (stem + ending) for folder in (beside, *self.folders) for ending in endings)
+        return next((path for path in places if path.is_file()), None)
+
+    def open(self, path: Path) -> Document:
+        """The document of a file; raises `InputError` where it cannot be read, each time it is asked for."""
+        if path not in self._read:
+            try:
+                self._read[path] = read_document(path)
+            except InputError as error:
+                self._read[path] = error
+        found = self._read[path]
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    def resolve(self, document: Document) -> Resolved:
+        """The document with the content of libraries and referenced models in place; nothing is raised.
+
+        A block that is a link takes the type, parameters and content of the library's block, with its own parameters
+        over them; links to libraries of Simulink itself stay as they are. A model reference gets the root of the
+        referenced model as its system, a subsystem whose content is a file of its own the root of that.
+        """
+        work = _Work(self, document)
+        root = work.system(document.root, _Place(document, ""))
+        missing = {source: tuple(paths) for source, paths in work.missing.items()}
+        resolved = replace(document, root=root)
+        return Resolved(resolved, work.files, missing, work.models, tuple(work.problems.values()))
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a system is copied to: the document it comes from, its path there and here, the links that led there."""
+
+    document: Document
+    here: str
+    there: str = ""
+    chain: tuple[str, ...] = ()
+    depth: int = 0
+
+    def path(self, block: Block) -> str:
+        """The path of a block of that system in the model that is resolved."""
+        rest = block.path[len(self.there) + 1 :] if self.there else block.path
+        return f"{self.here}/{rest}" if self.here else rest
+
+
+class _Work:
+    def __init__(self, libraries: Libraries, document: Document) -> None:
+        self.libraries = libraries
+        self.file = document.path.name
+        self.files: dict[str, Path] = {}
+        self.missing: dict[str, list[str]] = {}
+        self.models: dict[str, Document] = {}
+        self.problems: dict[str, Finding] = {}
+        self.count = 0
+
+    def system(self, system: System, place: _Place) -> System:
+        if place.depth > _DEEPEST:
+            self._problem(place.here, f"has subsystems more than {_DEEPEST} levels deep once its links are followed")
+            return System()
+        self.count += len(system.blocks)
+        if self.count > _MOST_BLOCKS:
+            self._problem("", f"has more than {_MOST_BLOCKS} blocks once its links are followed")
+            return System()
+        return System(tuple(self._block(block, place) for block in system.blocks), system.lines)
+
+    def _block(self, block: Block, place: _Place) -> Block:
+        path = place.path(block)
+        if block.reference is not None and not is_of_simulink(block.reference.source):
+            return self._linked(block, path, place)
+        if block.model:
+            return self._model(block, path, place)
+        if block.elsewhere:
+            return self._subsystem(block, path, place)
+        if block.system is not None:
+            inner = replace(place, depth=place.depth + 1)
+            return replace(block, path=path, system=self.system(block.system, inner))
+        return block if path == block.path else replace(block, path=path)
+
+    def _linked(self, block: Block, path: str, place: _Place) -> Block:
+        assert block.reference is not None
+        source, names = block.reference.source, split(block.reference.source)
+        alone = replace(block, path=path)
+        library = self._document(names[0] if names else "", source, path, place)
+        if library is None or self._closed(source, path, place):
+            return alone
+        target = library.root.at(source.partition("/")[2])
+        if target is None:
+            known = nearest(names[-1], (found.name for found in library.root.every()))
+            self._problem(path, f"links to {source[:120]}, which {library.path.name} does not hold", known)
+            return alone
+        linked = self._instance(block, target, path, library)
+        if target.reference is not None or target.system is not None:
+            chain = (*place.chain, source)
+            there = _Place(library, path, target.path, chain, place.depth + 1)
+            linked = self._below(linked, target, there)
+        return linked
+
+    def _below(self, linked: Block, target: Block, there: _Place) -> Block:
+        """What lies below a link: the content of the library's block, or what that links to in turn."""
+        if target.reference is not None and not is_of_simulink(target.reference.source):
+            further = self._linked(replace(linked, reference=target.reference), linked.path, there)
+            return replace(further, reference=linked.reference) if further.type != "Reference" else linked
+        if target.system is not None:
+            return replace(linked, system=self.system(target.system, there))
+        return linked
+
+    def _instance(self, block: Block, target: Block, path: str, library: Document) -> Block:
+        """The library's block in the place of the link, with the parameters of the link."""
+        assert block.reference is not None
+        given = block.reference.parameters
+        masked = {parameter.name for parameter in target.mask.parameters} if target.mask is not None else set()
+        parameters = dict(target.parameters) | {key: given[key] for key in given if key not in masked}
+        if block.mask is not None and block.mask.parameters and masked:
+            self._problem(path, "has a mask over that of the library; only the library's is read", severity="warning")
+        return replace(
+            target,
+            name=block.name,
+            sid=block.sid,
+            path=path,
+            parameters=parameters,
+            ports=block.ports or target.ports,
+            mask=_set(target.mask, given) if target.mask is not None else block.mask,
+            reference=replace(block.reference, file=library.path.name),
+            signals=block.signals,
+        )
+
+    def _model(self, block: Block, path: str, place: _Place) -> Block:
+        found = self._document(block.model, block.model, path, place)
+        if found is None or self._closed(block.model, path, place):
+            return replace(block, path=path)
+        self.models[block.model] = found
+        inner = _Place(found, path, "", (*place.chain, block.model), place.depth + 1)
+        return replace(block, path=path, system=self.system(found.root, inner))
+
+    def _subsystem(self, block: Block, path: str, place: _Place) -> Block:
+        """A subsystem with the content of its file, whose mask it takes where it has none of its own."""
+        name, alone = block.elsewhere, replace(block, path=path)
+        found = self._document(name, name, path, place)
+        if found is None or self._closed(name, path, place):
+            return alone
+        if found.kind != "subsystem":
+            mend = f"Save its content as the subsystem file {name}.slx."
+            self._problem(path, f"has its content in {found.path.name}, which is a {found.kind}", mend)
+            self.missing.setdefault(name, []).append(path)
+            return alone
+        mask = block.mask or (_set(found.mask, block.parameters) if found.mask is not None else None)
+        inner = _Place(found, path, "", (*place.chain, name), place.depth + 1)
+        return replace(alone, mask=mask, system=self.system(found.root, inner))
+
+    def _document(self, name: str, source: str, path: str, place: _Place) -> Document | None:
+        if name == "$bdroot":  # a library's own name for itself
+            return place.document
+        file = self.libraries.find(name, place.document.path.parent)
+        if file is None:
+            self.missing.setdefault(source, []).append(path)
+            return None
+        try:
+            found = self.libraries.open(file)
+        except InputError as error:
+            self.missing.setdefault(source, []).append(path)
+            self.problems |= {str(finding): finding for finding in error.findings}
+            return None
+        self.files[name] = file
+        return found
+
+    def _closed(self, source: str, path: str, place: _Place) -> bool:
+        """Whether a link leads back to itself, or has no end."""
+        if source in place.chain:
+            loop = " -> ".join((*place.chain[place.chain.index(source) :], source))
+            self._problem(path, f"links to itself: {loop}", "Break the loop in one of these libraries.")
+            return True
+        if len(place.chain) >= _LONGEST_CHAIN:
+            self._problem(path, f"is a link to a link, more than {_LONGEST_CHAIN} times over")
+            return True
+        return False
+
+    def _problem(self, path: str, what: str, mend: str = "", severity: Literal["error", "warning"] = "error") -> None:
+        place = f"{self.file} ({path[:120]})" if path else self.file
+        found = Finding(place, what, mend, severity=severity)
+        if len(self.problems) < 100:
+            self.problems.setdefault(what, found)
+
+
+def _set(mask: Mask, given: Mapping[str, str]) -> Mask:
+    """A mask with the expressions of an instance."""
+    parameters = [replace(p, expression=given.get(p.name, p.expression)) for p in mask.parameters]
+    return replace(mask, parameters=tuple(parameters))

@@ -1,0 +1,443 @@
+"""XML parts of Simulink files as sections.
+
+External documents are never loaded; an entity (which could name a file of this machine, or grow without end) is
+refused where it is declared.
+
+What all Simulink files share below their syntax: sections that hold keys, texts and further sections.
+
+A Simulink file as a plain tree: systems of blocks and lines, every parameter as it is written.
+
+Nothing is evaluated here and no default is filled in: what a block does is for others to say.
+
+What is noticed while a Simulink file is read: errors refuse it, remarks go with the document.
+
+The classic `.mdl` syntax: `Kind { key value ... }`, a line each.
+
+A value is a quoted string (those on the lines below it belong to it) or the rest of the line; a matrix may go on over
+several lines. Lines that begin with `#` are comments. The syntax is not published; the rules are those of the files
+that Simulink 2 to R2021a wrote.
+
+JSON parts of the newest Simulink files as sections: what stood in XML before stands there under the same names.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+from xml.parsers import expat
+
+from kennfeld.errors import Finding, InputError
+
+__all__ = [
+    "RefusedError",
+    "Section",
+    "Trouble",
+    "brace_sections",
+    "brace_text",
+    "json_section",
+    "normalised",
+    "xml_section",
+]
+
+DEEPEST = 200  # sections within sections; a subsystem takes two of them, and models have about ten subsystems in a row
+MOST_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has some 30 000
+
+_MOST = 50  # findings that are kept of each sort; a garbled file has thousands of them
+
+_DAMAGED = "The file may be cut off or damaged: take a complete copy."
+
+_LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
+_STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
+_ESCAPE = re.compile(r"\\(.)", re.DOTALL)
+_ESCAPED = {"n": "\n", "t": "\t", "r": "\r"}
+_ENCODING = re.compile(rb'^[ \t]*+SavedCharacterEncoding[ \t]++"([^"\n]{1,40})"', re.MULTILINE)
+_ENCODINGS = {
+    "utf-8": "utf-8",
+    "us-ascii": "utf-8",
+    "windows-1252": "cp1252",
+    "windows-1250": "cp1250",
+    "windows-1251": "cp1251",
+    "iso-8859-1": "latin-1",
+    "iso-8859-15": "iso8859-15",
+    "shift_jis": "cp932",
+    "windows-31j": "cp932",
+    "gbk": "gbk",
+    "gb2312": "gb18030",
+    "gb18030": "gb18030",
+    "big5": "big5",
+    "euc-jp": "euc_jp",
+    "euc-kr": "cp949",
+    "windows-949": "cp949",
+}
+_HEAD = 65536
+_BRACE_ELEMENTS = ("Cell", "String")
+_LONGEST_MATRIX = 2000  # lines
+
+_CLASS, _NUMBER, _PROPERTIES, _ELEMENTS, _VALUE = "_object_class", "_id", "_properties", "_elements", "_value"
+
+
+@dataclass(slots=True)
+class Section:
+    """One section: an XML element, or braces and what they hold.
+
+    `keys` are what it says of itself: attributes, `<P Name="key">value</P>`, or lines `key value`; `links` are keys
+    whose value is kept in another part of the file, by that part's name. A `$` before a key is left out.
+    """
+
+    kind: str
+    line: int
+    keys: dict[str, str] = field(default_factory=dict)
+    parts: list["Section"] = field(default_factory=list)
+    links: dict[str, str] = field(default_factory=dict)
+    text: str = ""
+
+    def all(self, *kinds: str) -> Iterator["Section"]:
+        """The sections directly within that are of one of the kinds."""
+        return (part for part in self.parts if part.kind in kinds)
+
+    def first(self, *kinds: str) -> "Section | None":
+        """The first section directly within that is of one of the kinds."""
+        return next(self.all(*kinds), None)
+
+    def get(self, key: str, default: str = "") -> str:
+        """What the section says under a key, be it a key or a section that holds text."""
+        if key in self.keys:
+            return self.keys[key]
+        part = self.first(key)
+        return part.text if part is not None else default
+
+    def every(self) -> Iterator["Section"]:
+        """This section and all within it, an outer one before its content."""
+        waiting = [self]
+        while waiting:
+            section = waiting.pop()
+            yield section
+            waiting.extend(reversed(section.parts))
+
+    def classed(self, name: str) -> Iterator["Section"]:
+        """The sections within, at any depth, that hold an object of a class."""
+        return (section for section in self.every() if name in (section.keys.get("ClassName"), section.kind))
+
+
+class RefusedError(Exception):
+    """Ends the reading of one part of a file; what is wrong is noted already."""
+
+
+@dataclass
+class Trouble:
+    """The findings of one file."""
+
+    file: str
+    errors: list[Finding] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    def error(self, place: str, what: str, mend: str = "") -> None:
+        """Note what makes the file unusable; `place` is within the file and may be empty."""
+        if len(self.errors) < _MOST:
+            self.errors.append(Finding(f"{self.file} {place}".rstrip(), what, mend))
+
+    def refuse(self, place: str, what: str, mend: str = "") -> RefusedError:
+        """Note what makes the file unusable, and the exception that ends its reading."""
+        self.error(place, what, mend)
+        return RefusedError()
+
+    def remark(self, sentence: str) -> None:
+        """Note what was left aside."""
+        if len(self.remarks) < _MOST:
+            self.remarks.append(sentence)
+
+    def settle(self) -> tuple[str, ...]:
+        """The remarks; raises `InputError` with every finding if there was an error."""
+        if self.errors:
+            raise InputError(self.errors)
+        return tuple(self.remarks)
+
+
+def xml_section(raw: bytes, part: str, trouble: Trouble, fold: bool = True) -> Section | None:
+    """The root of an XML part as a section; None with an error noted where it is broken or refused.
+
+    `fold` makes `<P Name="key">value</P>` a key of the section around it; without it, it stays a section.
+    """
+    builder = _Builder(part, trouble, fold)
+    try:
+        builder.parser.Parse(raw.lstrip(), True)
+    except RefusedError:
+        return None
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        what = expat.errors.messages.get(getattr(error, "code", 0), str(error))
+        place = f"{part} line {getattr(error, 'lineno', 1)}"
+        trouble.error(place, f"is no well-formed XML: {what}", _DAMAGED)
+        return None
+    return builder.root
+
+
+class _Builder:
+    def __init__(self, part: str, trouble: Trouble, fold: bool) -> None:
+        self.part = part
+        self.fold = fold
+        self.trouble = trouble
+        self.root: Section | None = None
+        self.open: list[Section] = []
+        self.key: str | None = None
+        self.pieces: list[str] = []
+        self.count = 0
+        self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self.pieces.append
+        self.parser.EntityDeclHandler = self._entity
+        self.parser.SkippedEntityHandler = self._skipped
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        self.count += 1
+        if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
+            self._key(attributes)
+            return
+        self.pieces.clear()
+        section = Section(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
+        if self.open:
+            self.open[-1].parts.append(section)
+        elif self.root is None:
+            self.root = section
+        self.open.append(section)
+        if len(self.open) > DEEPEST:
+            raise self._refused(f"has elements more than {DEEPEST} levels deep")
+        if self.count > MOST_SECTIONS:
+            raise self._refused(f"has more than {MOST_SECTIONS} elements")
+
+    def _key(self, attributes: dict[str, str]) -> None:
+        self.pieces.clear()
+        key = attributes["Name"]
+        if "Ref" in attributes:
+            self.open[-1].links[key] = attributes["Ref"]
+        self.key = key
+
+    def _end(self, name: str) -> None:
+        if self.key is not None and name == "P":
+            section = self.open[-1]
+            if self.key not in section.links:
+                section.keys[self.key] = "".join(self.pieces)
+            self.key = None
+            self.pieces.clear()
+            return
+        section = self.open.pop()
+        if self.pieces and not section.parts:
+            section.text = "".join(self.pieces)
+        self.pieces.clear()
+
+    def _entity(self, name: str, *_: object) -> None:
+        raise self._refused(f"declares the entity {name[:60]}", "Remove the declarations within <!DOCTYPE ...>.")
+
+    def _skipped(self, name: str, _: bool) -> None:
+        raise self._refused(f"uses the entity {name[:60]}, which it does not declare", "Write the characters.")
+
+    def _refused(self, what: str, mend: str = "") -> RefusedError:
+        return self.trouble.refuse(f"{self.part} line {self.parser.CurrentLineNumber}", what, mend)
+
+
+def normalised(name: str) -> str:
+    r"""A name with every run of white space, line ends included, as one space.
+
+    >>> normalised("engine +\n impeller")
+    'engine + impeller'
+    """
+    return " ".join(name.split())
+
+
+def brace_text(raw: bytes) -> str:
+    """The characters of a classic file, in the encoding that it names; unreadable ones are replaced."""
+    named = _ENCODING.search(raw[:_HEAD])
+    encoding = _ENCODINGS.get(named[1].decode("ascii", "replace").lower(), "") if named else ""
+    for candidate in (encoding, "utf-8", "cp1252"):
+        try:
+            return raw.decode(candidate) if candidate else raw.decode("utf-8")
+        except UnicodeDecodeError:
+            continue
+    return raw.decode("latin-1")
+
+
+def brace_sections(text: str, trouble: Trouble) -> list[Section]:
+    """The sections at the top of a file ("Model", "Stateflow", "MatData"); errors are noted."""
+    reader = _Reader(re.split(r"\r\n|\r|\n", text), trouble)
+    try:
+        reader.read()
+    except RefusedError:
+        return []
+    return reader.top
+
+
+class _Reader:
+    def __init__(self, lines: list[str], trouble: Trouble) -> None:
+        self.lines = lines
+        self.trouble = trouble
+        self.at = 0
+        self.top: list[Section] = []
+        self.open: list[Section] = []
+        self.count = 0
+        self.whole = True  # whether every matrix so far had its closing bracket
+
+    def read(self) -> None:
+        while self.at < len(self.lines):
+            line = self.lines[self.at].strip()
+            self.at += 1
+            if not line or line[0] == "#":
+                continue
+            if line == "}":
+                self._close()
+            else:
+                self._line(line)
+        if self.open:
+            first = self.open[-1]
+            what = f"is cut off: {first.kind[:60]} of line {first.line} is never closed"
+            self.trouble.error(f"line {len(self.lines)}", what, "Take a complete copy of the file.")
+
+    def _line(self, line: str) -> None:
+        found = _LINE.match(line)
+        if found is None:
+            raise self._wrong(line)
+        key, value = found.groups()
+        if value == "{":
+            self._open(key)
+        elif not self.open:
+            raise self._wrong(line)
+        else:
+            self._key(key.removeprefix("$"), self._value(value))
+
+    def _key(self, key: str, value: str) -> None:
+        """A key with its value; the elements of an array all have the same key."""
+        if key in _BRACE_ELEMENTS and self.open[-1].kind == "Array":
+            self.open[-1].parts.append(Section(key, self.at, text=value))
+        else:
+            self.open[-1].keys[key] = value
+
+    def _open(self, kind: str) -> None:
+        section = Section(kind, self.at)
+        (self.open[-1].parts if self.open else self.top).append(section)
+        self.open.append(section)
+        self.count += 1
+        if len(self.open) > DEEPEST:
+            raise self.trouble.refuse(f"line {self.at}", f"has sections more than {DEEPEST} levels deep")
+        if self.count > MOST_SECTIONS:
+            raise self.trouble.refuse(f"line {self.at}", f"has more than {MOST_SECTIONS} sections")
+
+    def _close(self) -> None:
+        if not self.open:
+            raise self.trouble.refuse(
+                f"line {self.at}", "has a } that closes nothing", "Take a complete copy of the file."
+            )
+        self.open.pop()
+
+    def _value(self, value: str) -> str:
+        if value.startswith('"'):
+            return self._string(value)
+        return self._matrix(value) if "[" in value and self.whole else value
+
+    def _string(self, value: str) -> str:
+        pieces = [_piece(value)]
+        while self.at < len(self.lines):
+            line = self.lines[self.at].strip()
+            if not line.startswith('"'):
+                break
+            pieces.append(_piece(line))
+            self.at += 1
+        return _ESCAPE.sub(lambda found: _ESCAPED.get(found[1], found[1]), "".join(pieces))
+
+    def _matrix(self, value: str) -> str:
+        """A matrix that goes on over further lines, up to the bracket that closes it."""
+        depth, start = value.count("[") - value.count("]"), self.at
+        pieces = [value]
+        while depth > 0 and self.at < min(len(self.lines), start + _LONGEST_MATRIX):
+            line = self.lines[self.at].strip()
+            if line in ("}", "") or line.endswith("{"):
+                break
+            pieces.append(line)
+            depth += line.count("[") - line.count("]")
+            self.at += 1
+        if depth > 0:  # looking ahead once more for each of them would take forever
+            self.at, self.whole = start, False
+            return value
+        return " ".join(pieces)
+
+    def _wrong(self, line: str) -> RefusedError:
+        what = f"is neither a key with its value nor a section: {line[:60]}"
+        return self.trouble.refuse(f"line {self.at}", what, "Take a complete copy of the file.")
+
+
+def _piece(value: str) -> str:
+    """What stands between the first quotes of a line."""
+    found = _STRING.match(value)
+    return found[1] if found else value.strip('"')
+
+
+def json_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
+    """The root of a JSON part as a section; None with an error noted where it is broken.
+
+    A root that holds one thing only is that thing: `{"BlockDiagram": {...}}`.
+    """
+    try:
+        root = json.loads(raw)
+    except (ValueError, RecursionError) as error:
+        trouble.error(part, f"is no well-formed JSON: {str(error)[:120]}", _DAMAGED)
+        return None
+    if not isinstance(root, dict):
+        trouble.error(part, "is no JSON object", _DAMAGED)
+        return None
+    converter = _Converter(part, trouble)
+    if len(root) == 1 and isinstance(inner := next(iter(root.values())), dict):
+        return converter.section(next(iter(root)), inner)
+    return converter.section("", root)
+
+
+class _Converter:
+    def __init__(self, part: str, trouble: Trouble) -> None:
+        self.part = part
+        self.trouble = trouble
+        self.count = 0
+
+    def section(self, kind: str, given: dict[str, Any], depth: int = 0) -> Section:
+        self.count += 1
+        if depth > DEEPEST or self.count > MOST_SECTIONS:
+            raise self.trouble.refuse(self.part, f"holds more than {MOST_SECTIONS} things or {DEEPEST} levels of them")
+        section = Section(kind, 0)
+        for key, value in given.items():
+            if key == _PROPERTIES and isinstance(value, dict):
+                inner = self.section(kind, value, depth + 1)
+                section.keys |= inner.keys
+                section.parts += inner.parts
+            else:
+                self._add(section, key, value, depth)
+        return section
+
+    def _add(self, section: Section, key: str, value: Any, depth: int) -> None:
+        if key in (_CLASS, _NUMBER):
+            section.keys["ClassName" if key == _CLASS else "ObjectID"] = str(value)
+        elif isinstance(value, dict) and _VALUE in value:
+            section.keys[key] = _text(value[_VALUE])
+        elif isinstance(value, dict):
+            elements = value.get(_ELEMENTS)
+            if isinstance(elements, list):
+                section.parts.append(self._array(key, elements, depth))
+            else:
+                section.parts.append(self._named(key, value, depth))
+        elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
+            section.parts += [self.section(key, inner, depth + 1) for inner in value if isinstance(inner, dict)]
+        else:
+            section.keys[key] = _text(value)
+
+    def _named(self, key: str, value: dict[str, Any], depth: int) -> Section:
+        made = self.section(key, value, depth + 1)
+        made.keys.setdefault("PropName", key)
+        return made
+
+    def _array(self, key: str, elements: list[Any], depth: int) -> Section:
+        objects = [self.section("Object", inner, depth + 1) for inner in elements if isinstance(inner, dict)]
+        return Section("Array", 0, {"PropName": key}, objects)
+
+
+def _text(value: Any) -> str:
+    """A value as the XML of other releases writes it."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return value if isinstance(value, str) else "" if value is None else json.dumps(value)

@@ -1,0 +1,30 @@
+"""Functions of MATLAB in the code of a chart: those of the library of MATLAB Functions."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.models.imperative.evaluation_context import Desk
+from kennfeld.models.imperative.graph_operators import KNOWN
+from kennfeld.models.imperative.library.function_registry import LIBRARY
+from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.statement_interpreter import Body
+from kennfeld.models.imperative.symbolic_values import Held, array_of, resolved
+
+__all__ = ["is_of_library", "results_of"]
+
+_FIXED: Final = frozenset({"zeros", "ones", "reshape", "linspace", "numel", "length"})  # sizes are told by expressions
+_ALONG: Final = frozenset({"min", "max", "sum", "prod"})  # of more forms of arrays than expressions know
+
+
+def is_of_library(name: str) -> bool:
+    """Whether a name is that of a function which expressions do not know by themselves."""
+    return name in LIBRARY and (name in _ALONG or name not in KNOWN | _FIXED)
+
+
+def results_of(builder: GraphBuilder, name: str, arguments: Sequence[Held], wanted: int) -> list[Nodes]:
+    """The results of a function, as many as are wanted or fewer, each Int[rows, columns]; raises `CodeError`."""
+    made = LIBRARY[name].results(Body(Desk(builder)).calls, arguments, wanted)
+    return [np.asarray(array_of(resolved(one), f"a result of {name}"), dtype=np.int64) for one in made]

@@ -1,0 +1,262 @@
+"""Variables of a model workspace or a data dictionary, as far as they are plain values or well-known objects.
+
+The variables of a model workspace: as the model file keeps them, or as a MAT-file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias, Union
+
+import numpy as np
+
+from kennfeld.arrays import Float, readonly
+from kennfeld.matlab.mat_nodes import Cells, DamageError, Loaded, Node, Numbers, Struct, Structs, Text, Unreadable
+from kennfeld.matlab.mat_reader import loaded_of
+from kennfeld.matlab.mcos import single, workspace
+from kennfeld.models.simulink.reader.model_tree import Workspace
+
+__all__ = [
+    "Data",
+    "Entry",
+    "Value",
+    "entry_of",
+    "mat_variables",
+    "mxarray_value",
+    "mxarray_variables",
+    "workspace_variables",
+]
+
+Value: TypeAlias = Union[Float, str, "Mapping[str, Value]", "tuple[Value, ...]", "Entry", None]
+
+_MOST_BYTES = 200_000_000  # unpacked
+_MOST_ARRAYS = 1_000_000
+_NEEDED = ("Value", "Table", "Breakpoints")  # what an object is there for
+_WHY = {
+    "complex numbers": "it is complex",
+    "sparse matrix": "it is a sparse matrix that is too large",
+    "function handle": "it is a function handle",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One variable.
+
+    `value` is an array of at least two dimensions (numbers and booleans), a text, a mapping (a struct), a tuple (a
+    cell array, an array of structs or objects), another entry (an object within), or None where the file gives none.
+    `kind` is the class: "double", "single", "struct", "Simulink.Parameter", ... `type` is the data type that an object
+    states ("auto", "single", "fixdt(1,16,4)"), `minimum` and `maximum` its limits. Of a Simulink.LookupTable, `value`
+    is the table and `breakpoints` are its axes; all else it says is in `properties`.
+    """
+
+    name: str
+    value: Value
+    kind: str
+    type: str = ""
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    description: str = ""
+    breakpoints: tuple["Entry", ...] = ()
+    properties: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Data:
+    """The variables of one source; `unreadable` says by name what could not be decoded, and why."""
+
+    entries: Mapping[str, Entry] = field(default_factory=dict)
+    unreadable: Mapping[str, str] = field(default_factory=dict)
+
+
+def entry_of(name: str, kind: str, properties: Mapping[str, Value]) -> Entry:
+    """An object by its properties: what calibration needs of it by name, the rest as it is."""
+    table, axes = properties.get("Table"), properties.get("Breakpoints")
+    if table is not None:
+        return _lookup(name, kind, properties, _part(table), tuple(map(_part, _several(axes))))
+    inner = _several(axes)
+    if inner and "Value" not in properties:
+        properties = {**properties, **_part(inner[0])}
+    return _plain(name, kind, properties)
+
+
+def _lookup(
+    name: str,
+    kind: str,
+    properties: Mapping[str, Value],
+    table: Mapping[str, Value],
+    axes: tuple[Mapping[str, Value], ...],
+) -> Entry:
+    made = _plain(name, kind, table)
+    named = [
+        _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
+        for number, axis in enumerate(axes, 1)
+    ]
+    return Entry(
+        name,
+        made.value,
+        kind,
+        made.type,
+        made.unit,
+        made.minimum,
+        made.maximum,
+        made.description,
+        tuple(named),
+        properties,
+    )
+
+
+def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> Entry:
+    return Entry(
+        name,
+        properties.get("Value"),
+        kind,
+        _text(properties, "DataType"),
+        _text(properties, "Unit") or _text(properties, "DocUnits"),
+        _limit(properties.get("Min")),
+        _limit(properties.get("Max")),
+        _text(properties, "Description"),
+        properties={key: value for key, value in properties.items() if key != "Value"},
+    )
+
+
+def _part(value: Value) -> Mapping[str, Value]:
+    """The properties of an inner struct or object."""
+    if isinstance(value, Entry):
+        return {**value.properties, "Value": value.value}
+    return value if isinstance(value, Mapping) else {"Value": value}
+
+
+def _several(value: Value) -> tuple[Value, ...]:
+    if value is None:
+        return ()
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _text(properties: Mapping[str, Value], key: str) -> str:
+    found = properties.get(key)
+    return found if isinstance(found, str) else ""
+
+
+def _limit(value: Value) -> float | None:
+    """A limit; none where it is empty or infinite."""
+    if not isinstance(value, np.ndarray) or value.size != 1:
+        return None
+    number = float(readonly(value).flat[0])
+    return number if np.isfinite(number) else None
+
+
+def workspace_variables(workspace: Workspace) -> Data:
+    """The variables that a model file keeps in itself; none where they are code or in another file.
+
+    What cannot be read is told by name in `unreadable`; a workspace that is broken altogether under the name "".
+    """
+    if workspace.kind == "mxarray":
+        return mxarray_variables(workspace.raw)
+    return mat_variables(workspace.raw) if workspace.kind == "mat" else Data()
+
+
+def mxarray_value(raw: bytes) -> Value:
+    """The value of a single array in the form of `.mxarray` parts; raises `DamageError` where there is none."""
+    try:
+        return _Reader().value(single(raw, _MOST_BYTES), "")
+    except _UnreadError as why:
+        raise DamageError(str(why)) from None
+
+
+def mxarray_variables(raw: bytes) -> Data:
+    """The variables in the bytes of a `.mxarray` part."""
+    try:
+        return _data(workspace(raw, _MOST_BYTES), "the model workspace cannot be read")
+    except DamageError as error:
+        return Data(unreadable={"": f"the model workspace is in an unknown form: {error}"})
+
+
+def mat_variables(raw: bytes) -> Data:
+    """The variables in the bytes of a MAT-file of any version."""
+    return _data(loaded_of(raw, _MOST_BYTES, _MOST_ARRAYS), "the MAT-file cannot be read")
+
+
+def _data(loaded: Loaded, what: str) -> Data:
+    """The variables that can be used; of what is lost with its name, the file itself is told."""
+    reader, entries = _Reader(), {}
+    for name, node in loaded.variables.items():
+        try:
+            entries[name] = _entry(name, node, reader.value(node, name))
+        except _UnreadError as why:
+            reader.unreadable[name] = str(why)
+    if loaded.lost:
+        whole = what if not entries else f"{what} whole"
+        reader.unreadable[""] = f"{whole}: {loaded.lost}"
+    return Data(entries, reader.unreadable)
+
+
+def _entry(name: str, node: Node, value: Value) -> Entry:
+    """A variable under its name: an object keeps what it says of itself."""
+    if isinstance(value, Entry):
+        return replace(value, name=name)
+    if isinstance(node, Numbers):
+        return Entry(name, value, node.kind or "double")
+    kind = node.elements[0].kind if isinstance(node, Structs) and node.elements else ""
+    word = "char" if isinstance(node, Text) else "cell" if isinstance(node, Cells) else "struct"
+    return Entry(name, value, kind or word)
+
+
+class _UnreadError(Exception):
+    """A value is of no use here; the text says why."""
+
+
+@dataclass
+class _Reader:
+    """Turns nodes into values; `unreadable` says what was left out within them."""
+
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def value(self, node: Node, path: str) -> Value:
+        """The value of a node; raises `_UnreadError` where it is none of those that are used here."""
+        match node:
+            case Numbers():
+                return _numbers(node)
+            case Text():
+                return node.rows or node.text
+            case Struct():
+                return entry_of("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
+            case Structs():
+                return tuple(self.value(one, f"{path}({n})") for n, one in enumerate(node.elements, 1))
+            case Cells():
+                return tuple(self.value(one, f"{path}{{{n}}}") for n, one in enumerate(node.cells, 1))
+            case Unreadable():
+                raise _UnreadError(_why(node))
+
+    def _fields(self, node: Struct, path: str) -> Mapping[str, Value]:
+        """The fields of a struct; one that cannot be read is told, and does not take the others with it."""
+        fields = {}
+        for name, inner in node.fields.items():
+            try:
+                fields[name] = self.value(inner, f"{path}.{name}")
+            except _UnreadError as why:
+                self.unreadable[f"{path}.{name}"] = str(why)
+        return fields
+
+    def _properties(self, node: Struct) -> Mapping[str, Value]:
+        """The properties of an object; one that cannot be read is left out, unless the object is there for it."""
+        properties = {}
+        for name, inner in node.fields.items():
+            try:
+                properties[name] = _Reader().value(inner, name)
+            except _UnreadError:
+                if name in _NEEDED:
+                    raise
+        return properties
+
+
+def _numbers(node: Numbers) -> Float:
+    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+        return readonly(node.values)
+
+
+def _why(node: Unreadable) -> str:
+    """Why a value cannot be used."""
+    if node.kind in _WHY or node.kind == "damaged value":
+        return node.why or _WHY[node.kind]
+    return f"{node.kind}: {node.why or 'only MATLAB can read it'}"

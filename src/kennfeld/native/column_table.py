@@ -1,0 +1,131 @@
+"""Rows of samples, read where they lie, and the code that reads them.
+
+Compiled code is handed tables of addresses: `table[row][block]` is where the samples of a block begin, so that a
+measurement is not copied to be read. The table of the inputs has one row more at its head, whose first entry is the
+order in which the samples are visited, uint32[samples], or null where they are visited as they come.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float, Int
+from kennfeld.errors import ArgumentError
+from kennfeld.native.addresses import UINT32, address
+from kennfeld.native.ir import Function
+
+__all__ = ["BLOCK", "HEAD", "Order", "Row", "Rows", "find", "load_sample", "visit"]
+
+SHIFT = 12
+BLOCK = 1 << SHIFT  # samples
+HEAD = 1  # rows of the inputs' table before the first input
+AHEAD = 16  # visits, some hundred nanoseconds: as long as memory takes to answer
+
+Addresses = NDArray[np.uintp]
+Order = NDArray[np.uint32]
+Row = Float | Sequence[Float]  # one array, or several that follow each other
+
+
+class Rows:
+    """Rows of `count` samples each; only blocks in which two arrays of a row meet are copied.
+
+    Without a `count`, the first row tells. Raises `ArgumentError` where a row has more or fewer samples.
+
+    >>> Rows([[np.zeros(5), np.ones(3)]]).take(np.array([4, 5, 7]))
+    array([[0., 1., 1.]])
+    """
+
+    def __init__(self, rows: Iterable[Row], count: int | None = None) -> None:
+        self.parts = [_parts(row) for row in rows]
+        self.count = sum(part.size for part in (self.parts or [[]])[0]) if count is None else count
+        self._seams: list[tuple[Float, Sequence[Float], Int]] = []
+        blocks = max(-(-self.count // BLOCK), 1)
+        self.addresses: Addresses = np.zeros((len(self.parts), blocks), dtype=np.uintp)
+        for found, parts in zip(self.addresses, self.parts, strict=True):
+            if sum(part.size for part in parts) != self.count:
+                raise ArgumentError(f"rows of {self.count} and of {sum(part.size for part in parts)} samples")
+            self._locate(found, parts)
+        self.reread()
+
+    def _locate(self, found: Addresses, parts: Sequence[Float]) -> None:
+        end, seams = 0, set()
+        for part in parts:
+            first, end = end, end + part.size
+            whole = np.arange(-(-first // BLOCK), found.size if end == self.count else end // BLOCK)
+            found[whole] = address(part) + part.itemsize * (whole * BLOCK - first)
+            if end % BLOCK and end < self.count:
+                seams.add(end // BLOCK)
+        for block in seams:
+            samples = np.arange(block * BLOCK, min((block + 1) * BLOCK, self.count))
+            copied = np.empty(samples.size)
+            found[block] = address(copied)
+            self._seams.append((copied, parts, samples))
+
+    def reread(self) -> None:
+        """Copy again what is copied, after the arrays were changed in place."""
+        for copied, parts, samples in self._seams:
+            copied[:] = _taken(parts, samples)
+
+    def take(self, samples: Int | Order) -> Float:
+        """The values at some samples, shape (rows, samples)."""
+        return np.array([_taken(parts, samples) for parts in self.parts]).reshape(len(self.parts), samples.size)
+
+    def headed(self, order: Order | None) -> Addresses:
+        """The table of inputs as compiled code is handed it."""
+        head = np.zeros((HEAD, self.addresses.shape[1]), dtype=np.uintp)
+        head[0, 0] = 0 if order is None else address(order, kind=UINT32)
+        return np.concatenate([head, self.addresses])
+
+
+def _parts(row: Row) -> list[Float]:
+    given = [row] if isinstance(row, np.ndarray) else row
+    return [np.require(part, np.float64, ["C", "A"]) for part in given]
+
+
+def _taken(parts: Sequence[Float], samples: Int | Order) -> Float:
+    if len(parts) == 1:
+        return parts[0][samples]
+    ends = np.cumsum([part.size for part in parts])
+    owners = np.searchsorted(ends, samples, side="right")
+    taken = np.empty(samples.size)
+    for number in np.unique(owners):
+        mine = owners == number
+        taken[mine] = parts[number][samples[mine] - (ends[number] - parts[number].size)]
+    return taken
+
+
+def find(f: Function, sample: str) -> tuple[str, str]:
+    """The block that holds a sample, and its place in it."""
+    return f.new(f"lshr i64 {sample}, {SHIFT}"), f.new(f"and i64 {sample}, {BLOCK - 1}")
+
+
+def visit(f: Function, order: str, k: str, rows: Sequence[tuple[str, int]]) -> tuple[str, str]:
+    """The block and the place of the sample that is visited as number `k`, before `%last`; `order` is a pointer.
+
+    An order leaps about in the measurement, where no cache foresees what comes: `rows`, (table, row) pairs, are
+    fetched some visits ahead, which makes it as fast as going straight on.
+    """
+    sample = f.slot("i64")
+    f.store(k, sample, kind="i64")
+    with f.when(f.new(f"icmp ne ptr {order}, null")):
+        f.store(_ordered(f, order, k), sample, kind="i64")
+        later = f.new(f"call i64 @llvm.smin.i64(i64 {f.add(k, AHEAD)}, i64 {f.add('%last', -1)})")
+        block, place = find(f, _ordered(f, order, later))
+        for table, row in rows:
+            address = f.at(_start(f, f.at(table, block, "ptr"), row), place)
+            f.do(f"call void @llvm.prefetch.p0(ptr {address}, i32 0, i32 3, i32 1)")
+    return find(f, f.load(sample, kind="i64"))
+
+
+def _ordered(f: Function, order: str, k: str) -> str:
+    return f.new(f"zext i32 {f.load(order, k, 'i32')} to i64")
+
+
+def _start(f: Function, table: str, row: int) -> str:
+    return f.load(table, f.mul("%stride", row), "ptr")
+
+
+def load_sample(f: Function, table: str, row: int, place: str) -> str:
+    """The value of a row at a place of the block that `table` points to."""
+    return f.load(_start(f, table, row), place)

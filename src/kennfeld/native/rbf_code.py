@@ -1,0 +1,139 @@
+"""LLVM IR of expansions in Gaussian bells: the value with its slopes along the inputs, and the slopes of the values.
+
+Eight centres are worked on at once. The functions know the number of inputs, not the model, and are compiled once each.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+
+from kennfeld.native.engine import Shared
+from kennfeld.native.ir import EIGHT, LANES, Function, Vector, literal
+
+__all__ = ["evaluation", "value_slopes"]
+
+FARTHEST = 1e3  # widths from a centre, as in `kennfeld.rbf`
+LEAST = -700.0  # the exponent where a bell counts as gone
+ALL = f"<{', '.join(['i1 true'] * LANES)}>"
+PARAMETERS = (
+    ("ptr", "values"),  # double[...], offset, slopes, weights, centres, widths; see `kennfeld.rbf`
+    ("i64", "centres"),
+    ("ptr", "x"),  # double[inputs]
+    ("ptr", "out"),
+)
+
+
+@cache
+def evaluation(inputs: int, *, reciprocal: bool) -> Shared:
+    """`expand(values, centres, x, out)`: the value into out[0], its slopes along the inputs behind it.
+
+    With `reciprocal` one over the widths stands in their place.
+    """
+    return Shared("expand", lambda: _evaluation(inputs, reciprocal).text())
+
+
+@cache
+def value_slopes(inputs: int) -> Shared:
+    """`bells(values, centres, x, out)`: the derivatives with respect to the values, in their order."""
+    return Shared("bells", lambda: _value_slopes(inputs).text())
+
+
+def _evaluation(inputs: int, reciprocal: bool) -> Function:
+    f = Function("expand", PARAMETERS)
+    v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
+    slopes = [f.load("%values", 1 + d) for d in range(inputs)]
+    starts = [f.sum([f.load("%values"), *(f.fmul(slope, at) for slope, at in zip(slopes, x, strict=True))]), *slopes]
+    sums = [f.slot(EIGHT) for _ in starts]
+    for total in sums:
+        f.store(v.all(0.0), total, kind=EIGHT)
+    for eight in _each_eight(f, x, reciprocal):
+        weighted = eight.weighted_bells
+        terms = [weighted, *(f.new(f"fneg {EIGHT} {along}") for along in eight.along(weighted))]
+        for total, term in zip(sums, terms, strict=True):
+            f.store(v("fadd", f.load(total, kind=EIGHT), term), total, kind=EIGHT)
+    for at, (total, start) in enumerate(zip(sums, starts, strict=True)):
+        held = f.load(total, kind=EIGHT)
+        summed = f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {EIGHT} {held})")
+        f.store(summed, "%out", at)
+    return f
+
+
+def _value_slopes(inputs: int) -> Function:
+    f = Function("bells", PARAMETERS)
+    v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
+    f.store(literal(1.0), "%out")
+    for d, at in enumerate(x):
+        f.store(at, "%out", 1 + d)
+    for eight in _each_eight(f, x, reciprocal=False):
+        eight.store(eight.bells, eight.weights)
+        for d, along in enumerate(eight.along(eight.weighted_bells)):
+            eight.store(along, eight.centres[d])
+            eight.store(v("fmul", along, eight.distances[d]), eight.widths[d])
+    return f
+
+
+def _each_eight(f: Function, x: list[str], reciprocal: bool) -> Iterator["_EightCentres"]:
+    """Emit the body for eight centres after the other, and once more for those left over."""
+    whole = f.new(f"and i64 %centres, -{LANES}")
+    with f.walk(whole) as (first, position):
+        yield _EightCentres(f, x, first, ALL, reciprocal)
+        f.store(f.add(first, LANES), position, kind="i64")
+    rest = f.new(f"sub i64 %centres, {whole}")
+    with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
+        kind = f"<{LANES} x i64>"
+        lanes = f"<{', '.join(f'i64 {lane}' for lane in range(LANES))}>"
+        single = f.new(f"insertelement {kind} poison, i64 {rest}, i64 0")
+        counts = f.new(f"shufflevector {kind} {single}, {kind} poison, <{LANES} x i32> zeroinitializer")
+        yield _EightCentres(f, x, whole, f.new(f"icmp slt {kind} {lanes}, {counts}"), reciprocal)
+
+
+class _EightCentres:
+    """The bells of eight centres at a point; lanes that the mask leaves out have weight 0."""
+
+    def __init__(self, f: Function, x: list[str], first: str, mask: str, reciprocal: bool) -> None:
+        self._f, self._v, self._first, self._mask = f, Vector(f), first, mask
+        self._divide = "fmul" if reciprocal else "fdiv"
+        inputs = len(x)
+        self.weights = str(1 + inputs)  # where their values begin
+        self.centres = [f.add(f.mul("%centres", 1 + d), self.weights) for d in range(inputs)]
+        self.widths = [f.add(f.mul("%centres", 1 + inputs + d), self.weights) for d in range(inputs)]
+        self._width = [self._load(at, 1.0) for at in self.widths]
+        self.distances = [self._distance(f.splat(at), d) for d, at in enumerate(x)]
+        self.bells = self._bells()
+        self.weighted_bells = self._v("fmul", self._load(self.weights, 0.0), self.bells)
+
+    def along(self, weighted: str) -> list[str]:
+        """What the centres' own slopes are, along each input."""
+        v = self._v
+        return [v(self._divide, v("fmul", weighted, t), w) for t, w in zip(self.distances, self._width, strict=True)]
+
+    def store(self, value: str, base: str) -> None:
+        """Write eight numbers of the output that begin at `base`."""
+        at = self._f.at("%out", self._f.add(self._first, base))
+        if self._mask == ALL:
+            self._f.store(value, at, kind=EIGHT)
+        else:
+            mask = f"<{LANES} x i1> {self._mask}"
+            self._f.do(f"call void @llvm.masked.store.v8f64.p0({EIGHT} {value}, ptr {at}, i32 8, {mask})")
+
+    def _load(self, base: str, missing: float) -> str:
+        at = self._f.at("%values", self._f.add(self._first, base))
+        if self._mask == ALL:
+            return self._f.load(at, kind=EIGHT)
+        mask = f"<{LANES} x i1> {self._mask}"
+        other = f"{EIGHT} {self._v.all(missing)}"
+        return self._f.new(f"call {EIGHT} @llvm.masked.load.v8f64.p0(ptr {at}, i32 8, {mask}, {other})")
+
+    def _distance(self, x: str, d: int) -> str:
+        """In widths, of which a thousand are as far as any number."""
+        v = self._v
+        t = v(self._divide, v("fsub", x, self._load(self.centres[d], 0.0)), self._width[d])
+        return self._extreme("minnum", self._extreme("maxnum", t, -FARTHEST), FARTHEST)
+
+    def _extreme(self, which: str, a: str, limit: float) -> str:
+        return self._f.new(f"call {EIGHT} @llvm.{which}.v8f64({EIGHT} {a}, {EIGHT} {self._v.all(limit)})")
+
+    def _bells(self) -> str:
+        v, square = self._v, self._v("fmul", self.distances[0], self.distances[0])
+        for t in self.distances[1:]:
+            square = v("fadd", square, v("fmul", t, t))
+        return v.exp(self._extreme("maxnum", v("fmul", square, v.all(-0.5)), LEAST))

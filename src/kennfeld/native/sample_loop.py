@@ -1,0 +1,245 @@
+"""The compiled functions of one model: what they are made of, and those that simulate and sum the cost.
+
+How the outputs of a model count: residuals and losses in LLVM IR.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from kennfeld.criteria import Loss
+from kennfeld.graph import Node
+from kennfeld.graph.derivative import Linearization
+from kennfeld.native.column_table import HEAD, find, load_sample, visit
+from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
+from kennfeld.native.engine import Engine
+from kennfeld.native.ir import Function, literal
+
+__all__ = [
+    "RANGE",
+    "ROW",
+    "Code",
+    "Output",
+    "Sample",
+    "compiled",
+    "cost_code",
+    "counts",
+    "each_sample",
+    "loop_code",
+    "loss_of",
+    "node_items",
+    "scaled_residual",
+    "step_items",
+    "values_code",
+    "weighted",
+]
+
+ZERO = literal(0.0)
+
+RANGE = (("i64", "first"), ("i64", "last"))
+ROW = ("i64", "row")
+NOTHING: Mapping[int, Item] = MappingProxyType({})
+
+Items = Sequence[Item]
+Arguments = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Output:
+    """How the difference between a node and its target counts; node `weight` is a factor on the loss of each sample."""
+
+    node: int
+    scale: float = 1.0
+    loss: Loss = "square"
+    delta: float = 1.0
+    weight: int | None = None
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The nodes that its loss needs."""
+        return (self.node,) if self.weight is None else (self.node, self.weight)
+
+
+def scaled_residual(step: Step, at: int, output: Output) -> tuple[str, str]:
+    """(value - target) / scale, and whether the sample is scored: a target of NaN is not."""
+    f = step.f
+    target, scored = _target(f, at)
+    difference = f.new(f"fsub double {step.value(output.node)}, {target}")
+    return f.fmul(difference, literal(1.0 / output.scale)), scored
+
+
+def _target(f: Function, at: int) -> tuple[str, str]:
+    """The target of an output, and whether there is one."""
+    target = load_sample(f, "%targets", at, "%k")
+    return target, f.new(f"fcmp ord double {target}, {target}")
+
+
+def counts(f: Function, at: int) -> str:
+    """Whether an output has a target and a weight: what is switched off does not count, even where it is not finite."""
+    weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
+    return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
+
+
+def weighted(step: Step, factor: str, output: Output) -> str:
+    """A factor of the loss, times the weight of the sample."""
+    return factor if output.weight is None else step.f.fmul(factor, step.value(output.weight))
+
+
+def loss_of(f: Function, r: str, output: Output) -> tuple[str, str]:
+    """The loss of a residual, and its slope over 2 r, the weight of the equivalent square."""
+    square = f.fmul(r, r)
+    delta = literal(output.delta)
+    match output.loss:
+        case "square":
+            return square, literal(1.0)
+        case "huber":
+            size = f.new(f"call double @llvm.fabs.f64(double {r})")
+            beyond = f.new(f"fcmp ogt double {size}, {delta}")
+            line = f.fmul(delta, f.new(f"fsub double {f.fmul(literal(2.0), size)}, {delta}"))
+            return f.select(beyond, line, square), f.select(beyond, f.new(f"fdiv double {delta}, {size}"), literal(1.0))
+        case "soft_l1":
+            ratio = f.new(f"fdiv double {r}, {delta}")
+            share = f.fmul(ratio, ratio)
+            root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {literal(1.0)}, {share}')})")
+            # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
+            loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")
+            return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
+        case "excess":
+            beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
+            return f.select(beyond, square, ZERO), f.select(beyond, literal(1.0), ZERO)
+
+
+def needed_nodes(nodes: Sequence[Node], roots: Sequence[int]) -> list[int]:
+    """The nodes that the roots need, in order."""
+    seen = set(roots)
+    stack = list(seen)
+    while stack:
+        for a in nodes[stack.pop()].args:
+            if a not in seen:
+                seen.add(a)
+                stack.append(a)
+    return sorted(seen)
+
+
+def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int, Item] = NOTHING) -> list[Item]:
+    """An item for each node that the roots need; those of `behind` follow their node at once."""
+
+    def compute(node: int) -> Callable[[Step], None]:
+        return lambda step: step.compute(node)
+
+    items: list[Item] = []
+    for n in needed_nodes(nodes, [*roots, *behind]):
+        items.append(Item(nodes[n].args, compute(n), n))
+        if n in behind:
+            items.append(behind[n])
+    return items
+
+
+@dataclass(frozen=True)
+class Code:
+    """LLVM IR of a function and the helpers it calls."""
+
+    name: str
+    parameters: tuple[tuple[str, str], ...]
+    text: str
+
+
+def compiled(*codes: Code) -> list[Callable[..., None]]:
+    """The functions, compiled as one module."""
+    engine = Engine("".join(code.text for code in codes))
+    return [engine.function(code.name, code.parameters) for code in codes]
+
+
+def step_items(line: Linearization, layout: Layout, tail: Items, behind: Mapping[int, Item] = NOTHING) -> list[Item]:
+    """The nodes that `tail` and the states need, `tail`, and the states' step; see `node_items` for `behind`."""
+    roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
+    return [*node_items(line.nodes, roots, behind), *tail, *_advance(line, layout)]
+
+
+def loop_code(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout, outputs: int = 0) -> Code:
+    """A function that runs the step and `tail` for each sample of a range; see `each_sample`."""
+    own = [*PARAMETERS, *extra]
+    step = emit_items(f"{name}_step", [*own, ROW], step_items(line, layout, tail), line.nodes, layout)
+    f = Function(name, [*own, *RANGE])
+    with each_sample(f, line, layout, outputs) as sample:
+        f.call(f"{name}_step", [*sample.given(own), *sample.place])
+    return Code(f.name, f.parameters, step + f.text())
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Where a native function stands: at number `row` of its range, which lies in a block of the measurement."""
+
+    f: Function
+    row: str
+    block: str
+    at: str
+
+    def given(self, parameters: Arguments) -> Arguments:
+        """The function's own parameters as arguments of its step, tables moved on to the block."""
+        tables = ("data", "targets")
+        return [(kind, self.f.at(f"%{n}", self.block, "ptr") if n in tables else f"%{n}") for kind, n in parameters]
+
+    @property
+    def place(self) -> Arguments:
+        """The last arguments of a step."""
+        return [("i64", self.row), ("i64", self.at)]
+
+
+@contextmanager
+def each_sample(f: Function, line: Linearization, layout: Layout, outputs: int = 0) -> Iterator[Sample]:
+    """Run the body for each sample from `%first` to before `%last`.
+
+    Without states, sums over `outputs` targets visit the samples in their order.
+    """
+    read = [("%data", HEAD + row) for row in layout.inputs.values()] + [("%targets", row) for row in range(outputs)]
+    order = f.load("%data", kind="ptr")
+    with f.loop("%first", "%last") as k:
+        row = f.new(f"sub i64 {k}, %first")
+        yield Sample(f, row, *(find(f, k) if line.states or not outputs else visit(f, order, k, read)))
+
+
+def _advance(line: Linearization, layout: Layout) -> list[Item]:
+    """Write the next value of every state, after all reads."""
+
+    def emit(step: Step) -> None:
+        f = step.f
+        for i, state in enumerate(line.states):
+            f.store(step.value(state.next), "%memory", step.ring(i))
+            if state.latency > 1:
+                following = f.add(f.load("%hints", i, "i64"), 1)
+                wrapped = f.new(f"icmp eq i64 {following}, {state.latency}")
+                f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%hints", i, "i64")
+
+    return [Item(tuple(state.next for state in line.states), emit)] if line.states else []
+
+
+def values_code(line: Linearization, layout: Layout, roots: Sequence[int]) -> Code:
+    """`values(..., out, out_stride, first, last)`: the roots of each sample, out[root][sample - first]."""
+
+    def write(at: int, root: int) -> Item:
+        def emit(step: Step) -> None:
+            f = step.f
+            f.store(step.value(root), f.at("%out", f.mul("%out_stride", at)), "%row")
+
+        return Item((root,), emit)
+
+    tail = [write(at, root) for at, root in enumerate(roots)]
+    return loop_code("values", [("ptr", "out"), ("i64", "out_stride")], tail, line, layout)
+
+
+def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
+    """`cost(..., targets, sums, first, last)`: adds each output's sum of losses to sums[output]."""
+
+    def add(at: int, output: Output) -> Item:
+        def emit(step: Step) -> None:
+            f = step.f
+            residual, scored = scaled_residual(step, at, output)
+            loss, _ = loss_of(f, residual, output)
+            f.increase(f.select(scored, weighted(step, loss, output), ZERO), "%sums", at)
+
+        return Item(output.nodes, emit)
+
+    tail = [add(at, output) for at, output in enumerate(outputs)]
+    return loop_code("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout, len(outputs))

@@ -1,0 +1,239 @@
+"""LLVM IR of smoothed lookups: the weights of the grid points around a coordinate, and their slopes.
+
+The interpolation along an axis is a sum of ramps that start at the breakpoints; convolved with a Gaussian of width s,
+a ramp becomes t Phi(t/s) + s phi(t/s) (see graph.interpolation). Eight breakpoints are worked on at once, so the
+exponential and the normal distribution are polynomials here and not calls of the C library.
+
+Native functions along an axis, compiled once for all models: the cell that holds a coordinate, a smoothed window.
+
+LLVM IR of table lookups: weights of the grid points around a coordinate, value and slopes.
+
+A lookup is a list of sides, one an axis. A side knows the weights of the grid points around the coordinate: the two
+ends of a cell, or, for a smoothed axis, a window of weights computed at run time (see `smoothing`).
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from kennfeld.graph.interpolation import WINDOW
+from kennfeld.native.engine import Shared
+from kennfeld.native.ir import EIGHT, LANES, Function, Vector, literal
+
+__all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
+
+# Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
+# interpolation, with a relative error below 4e-15.
+MILLS = (
+    0.5561318102321344, -0.4595394127830946, 0.18100646836287246, -0.048344499212807424, 0.007933386537335673,
+    -0.00046067444416927016, -8.995610227853174e-05, 1.4024624692044922e-05, 1.5985834895680192e-06,
+    -3.2145155088911404e-07, -4.9235535075000134e-08, 6.10772273712855e-09, 1.7883197305282796e-09,
+    -4.176163905641845e-11, -5.180767946561654e-11,
+)  # fmt: skip
+
+ONE, ZERO = literal(1.0), literal(0.0)
+
+
+def smooth() -> Function:
+    """`smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
+
+    `points`, `weights` and `slopes` have room for `LANES` more.
+    """
+    f = Function(
+        "smooth",
+        [
+            *(("ptr", "points"), ("i64", "count"), ("double", "x"), ("double", "width"), ("i1", "linear")),
+            *(("ptr", "weights"), ("ptr", "slopes"), ("ptr", "bounds")),
+        ],
+    )
+    reach = f.fmul("%width", literal(WINDOW))
+    cells = f.slot("i64", 2)
+    for which, edge in enumerate(("fsub", "fadd")):
+        x = f.new(f"{edge} double %x, {reach}")
+        f.do(f"call void @search(ptr %points, i64 %count, double {x}, ptr {f.at(cells, which, 'i64')})")
+    first, last = f.load(cells, 0, "i64"), f.load(cells, 1, "i64")
+    end = f.add(last, 2)
+    f.store(first, "%bounds", 0, "i64")
+    f.store(end, "%bounds", 1, "i64")
+    _ramps(f, first, end)
+    with f.when("%linear"):
+        _straight_ends(f)
+    _differences(f, first, end)
+    return f
+
+
+def _ramps(f: Function, first: str, end: str) -> None:
+    """The smoothed ramp that starts at each breakpoint into the weights, its slope into the slopes."""
+    positive = f.new(f"call double @llvm.maxnum.f64(double %width, double {literal(1e-300)})")
+    inverse = f.new(f"fdiv double {literal(1.0)}, {positive}")
+    f_x, f_inverse, f_width = f.splat("%x"), f.splat(inverse), f.splat("%width")
+    groups = f.new(f"sdiv i64 {f.add(f.new(f'sub i64 {end}, {first}'), LANES - 1)}, {LANES}")
+    with f.loop(0, groups) as group:
+        place = f.add(first, f.mul(group, LANES))
+        v = Vector(f)
+        t = v("fsub", f_x, f.load(f.at("%points", place), kind=EIGHT))
+        ramp, rise = _ramp(v, t, v("fmul", t, f_inverse), f_width)
+        f.store(ramp, f.at("%weights", place), kind=EIGHT)
+        f.store(rise, f.at("%slopes", place), kind=EIGHT)
+
+
+def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
+    """Smoothed ramps and their slopes at distances t = u width from their start."""
+    above, below = v.compare("oge", u, WINDOW), v.compare("ole", u, -WINDOW)
+    u = v.where(above, v.all(WINDOW), v.where(below, v.all(-WINDOW), u))
+    size = v.f.new(f"call {EIGHT} @llvm.fabs.v8f64({EIGHT} {u})")
+    bell = v("fmul", v.exp(v("fmul", v("fmul", u, u), v.all(-0.5))), v.all(1 / math.sqrt(2 * math.pi)))
+    mapped = v("fsub", v("fdiv", v("fmul", size, v.all(4.0)), v("fadd", size, v.all(4.0))), v.all(1.0))
+    tail = v("fmul", bell, v.polynomial(mapped, MILLS))
+    share = v.where(v.compare("ogt", u, 0.0), v("fsub", v.all(1.0), tail), tail)
+    soft = v("fadd", v("fmul", t, share), v("fmul", bell, width))
+    zero, one = v.all(0.0), v.all(1.0)
+    return v.where(above, t, v.where(below, zero, soft)), v.where(above, one, v.where(below, zero, share))
+
+
+def _straight_ends(f: Function) -> None:
+    """With linear extrapolation the lookup does not bend at its first and last breakpoint."""
+    last = f.add("%count", -1)
+    f.store(f.new(f"fsub double %x, {f.load('%points')}"), "%weights")
+    f.store(literal(1.0), "%slopes")
+    f.store(literal(0.0), "%weights", last)
+    f.store(literal(0.0), "%slopes", last)
+
+
+def _differences(f: Function, first: str, end: str) -> None:
+    """Weights from ramps, in place: a grid point's weight is the share climbed before it less that after it."""
+    arrays = ("%weights", "%slopes")
+    climbed = f.slot("double", 4)  # ramp and its slope at the left end; share and its slope of the interval before
+    for at, (array, before) in enumerate(zip(arrays, (1.0, 0.0), strict=True)):
+        f.store(f.load(array, first), climbed, at)
+        f.store(literal(before), climbed, at + 2)
+    with f.loop(first, f.add(end, -1)) as cell:
+        right = f.add(cell, 1)
+        gap = f.new(f"fsub double {f.load('%points', right)}, {f.load('%points', cell)}")
+        for at, array in enumerate(arrays):
+            ramp = f.load(array, right)
+            share = f.new(f"fdiv double {f.new(f'fsub double {f.load(climbed, at)}, {ramp}')}, {gap}")
+            f.store(f.new(f"fsub double {f.load(climbed, at + 2)}, {share}"), array, cell)
+            f.store(share, array, right)
+            f.store(ramp, climbed, at)
+            f.store(share, climbed, at + 2)
+
+
+def _search() -> Function:
+    """`search(breakpoints, count, x, result)`: the cell that holds x, 0 for NaN.
+
+    Bisection by selects: which half it is cannot be foretold, and a branch foretold wrongly costs more than the rest.
+    """
+    f = Function("search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")])
+    cells, low = f.add("%count", -1), f.slot("i64")
+    f.store("0", low, kind="i64")
+    with f.walk(f.add("%count", -2)) as (excluded, position):
+        half = f.new(f"lshr i64 {f.new(f'sub i64 {cells}, {excluded}')}, 1")
+        left = f.load(low, kind="i64")
+        middle = f.add(left, half)
+        right = f.new(f"fcmp oge double %x, {f.load('%points', middle)}")
+        f.store(f.new(f"select i1 {right}, i64 {middle}, i64 {left}"), low, kind="i64")
+        f.store(f.add(excluded, half), position, kind="i64")
+    f.store(f.load(low, kind="i64"), "%result", kind="i64")
+    return f
+
+
+SEARCH = Shared("search", lambda: _search().text())
+SMOOTH = Shared("smooth", lambda: _search().text() + smooth().text())
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of an axis: its first grid point (i64) and the fraction of the way to the second."""
+
+    index: str
+    fraction: str
+    single: bool = False  # an axis of one breakpoint
+
+    def weights(self, f: Function) -> list[tuple[str, str]]:
+        """(grid point, weight) pairs."""
+        if self.single:
+            return [(self.index, f.fadd(ONE, f.fmul(self.fraction, ZERO)))]
+        rest = f.new(f"fsub double {ONE}, {self.fraction}")
+        return [(self.index, rest), (f.add(self.index, 1), self.fraction)]
+
+    def slopes(self, f: Function) -> list[tuple[str, str]]:
+        """(grid point, slope of the weight) pairs."""
+        if self.single:
+            return [(self.index, ZERO)]
+        return [(self.index, literal(-1.0)), (f.add(self.index, 1), ONE)]
+
+
+@dataclass(frozen=True)
+class Window:
+    """The grid points `start` to before `end` of a smoothed axis, with arrays of weights and slopes by grid point."""
+
+    start: str
+    end: str
+    weight: str
+    slope: str
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A grid point of a table: its flat index and its weight."""
+
+    index: str
+    weight: str
+
+
+def find_cell(f: Function, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
+    """Cell, x minus its left end, and its width. `hint` remembers the cell, as the next sample is mostly near."""
+    guess = f.load(hint, kind="i64")
+    after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
+    before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
+    with f.unless(after, before):
+        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+    cell = f.load(hint, kind="i64")
+    left = f.load(points, cell)
+    right = f.load(points, f.add(cell, 1))
+    return cell, f.new(f"fsub double {x}, {left}"), f.new(f"fsub double {right}, {left}")
+
+
+def corners(
+    f: Function, sides: Sequence[Cell | Window], strides: Sequence[int], slope: int | None = None
+) -> Iterator[Corner]:
+    """Emit the body once for each grid point around the coordinate, `slope` naming the axis to differentiate along.
+
+    Cells are unrolled; windows become loops around the rest, so a body is emitted 2^cells times.
+    """
+    yield from _walk(f, list(zip(sides, strides, strict=True)), slope, "0", "")
+
+
+def _walk(
+    f: Function, sides: list[tuple[Cell | Window, int]], slope: int | None, index: str, weight: str
+) -> Iterator[Corner]:
+    if not sides:
+        yield Corner(index, weight or ONE)
+        return
+    (side, stride), rest = sides[0], sides[1:]
+    along = slope == 0
+    deeper = None if slope is None else slope - 1
+
+    def step(point: str, factor: str) -> Iterator[Corner]:
+        offset = f.mul(point, stride)
+        at = offset if index == "0" else f.add(index, offset)
+        yield from _walk(f, rest, deeper, at, f.fmul(weight, factor) if weight else factor)
+
+    if isinstance(side, Cell):
+        for point, factor in side.slopes(f) if along else side.weights(f):
+            yield from step(point, factor)
+    else:
+        with f.loop(side.start, side.end) as point:
+            yield from step(point, f.load(side.slope if along else side.weight, point))
+
+
+def smooth_window(f: Function, x: str, points: str, count: int, width: str, linear: bool) -> Window:
+    """The window of weights of a smoothed axis around x."""
+    weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
+    bounds = f.slot("i64", 2)
+    f.do(
+        f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "
+        f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
+    )
+    return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)

@@ -1,1 +1,0 @@
-"""Breakpoints that are fitted."""

@@ -1,0 +1,66 @@
+"""The two sides of limits of outputs: nodes of the model that shall not exceed a number."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.constraints import Limit
+from kennfeld.errors import InputError
+from kennfeld.models import Model
+from kennfeld.models.formula import extend
+
+__all__ = ["Side", "channels_of", "sides_of", "with_sides"]
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of a limit: `node`, made to be kept at or below `bound`."""
+
+    limit: Limit
+    number: int
+    sign: int
+
+    @property
+    def node(self) -> str:
+        """A node that no formula text can name."""
+        return f"\0limit {self.number} {'above' if self.sign > 0 else 'below'}"
+
+    @property
+    def where(self) -> str:
+        """The node of the condition."""
+        return f"\0limit {self.number} where"
+
+    @property
+    def bound(self) -> float:
+        """What the node shall not exceed."""
+        return self.limit.upper if self.sign > 0 else -self.limit.lower
+
+    def __str__(self) -> str:
+        sign, bound = ("<=", self.limit.upper) if self.sign > 0 else (">=", self.limit.lower)
+        return f"{self.limit.node} {sign} {bound:g}"
+
+
+def sides_of(limits: Sequence[Limit]) -> tuple[Side, ...]:
+    """The sides that bound something."""
+    sides = [Side(limit, number, sign) for number, limit in enumerate(limits, 1) for sign in (1, -1)]
+    return tuple(side for side in sides if np.isfinite(side.bound))
+
+
+def with_sides(model: Model, limits: Sequence[Limit]) -> Model:
+    """The model with a node for each side and each condition; raises `InputError` with all that is wrong."""
+    texts: dict[str, str] = {}
+    for side in sides_of(limits):
+        texts[side.node] = side.limit.node if side.sign > 0 else f"-({side.limit.node})"
+        if side.limit.where:
+            texts[side.where] = side.limit.where
+    return extend(model, texts, "limit")
+
+
+def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:
+    """The names in limits that are no names of the model: inputs that only the limits read."""
+    try:
+        inputs = with_sides(model, limits).graph.inputs
+    except InputError:
+        return []
+    return [name for name in inputs if name not in model.graph.inputs]

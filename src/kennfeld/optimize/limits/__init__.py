@@ -1,1 +1,0 @@
-"""What values and outputs must keep."""

@@ -1,0 +1,255 @@
+"""The limits of a problem as the solver takes them: bounds and linear rows over the free values.
+
+Breakpoints as values to be fitted: which axes move, and what they keep while they do.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.constraints import Equality, Pin, Shape, Term
+from kennfeld.errors import Finding, InputError
+from kennfeld.free_axes import AxisKey, FreeAxis, key_of
+from kennfeld.graph.interpolation import cell_weights, position, table_weights
+from kennfeld.graph.value_layout import Values
+from kennfeld.optimize.problem import Place, Problem
+from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
+
+__all__ = ["bounds_of", "grid_points", "limits_of", "order_of", "rising", "touching_pairs"]
+
+TOUCHING = 1e-6  # of the mean distance, within which two breakpoints stand at their least distance
+
+DIRECTIONS = "xyzw"
+
+
+def bounds_of(axis: FreeAxis, parameters: ParameterSet, held: Sequence[Place] = ()) -> tuple[Float, Float]:
+    """Lower and upper bounds of the breakpoints, equal for those that stay.
+
+    The ends stay unless the axis has a range. So do breakpoints whose grid points are all locked, and those around the
+    places `held` by a pin: it is an equality between values as long as these stand still.
+    """
+    points = axis.axis.breakpoints
+    stays = np.zeros(points.size, dtype=bool)
+    low, high = axis.axis.range or (points[0], points[-1])
+    if axis.axis.range is None:
+        stays[[0, -1]] = True
+    for name, which in axis.places:
+        table = parameters[name]
+        stays |= np.moveaxis(table.locked, which, 0).reshape(points.size, -1).all(axis=1)
+        for place, at in held:
+            if place == name and len(at) > which:
+                stays |= _around(table, which, at[which])
+    return np.where(stays, points, low), np.where(stays, points, high)
+
+
+def _around(table: Parameter, which: int, x: float) -> Bool:
+    """The breakpoints that a lookup at x touches."""
+    axis = table.axes[which]
+    weights, _ = cell_weights(position(np.array([x]), axis.breakpoints, table.extrapolation), len(axis))
+    return np.asarray(weights[0] != 0)
+
+
+def order_of(axes: Mapping[AxisKey, FreeAxis], values: Values) -> Rows:
+    """Limits that keep the order and the distance of neighbouring breakpoints of all axes."""
+    parts = []
+    for key, axis in axes.items():
+        at = values.moving.get(key, values.free)
+        if at < values.free:
+            gaps = np.arange(len(axis.axis) - 1)
+            columns = at + np.stack([gaps, gaps + 1], axis=1)
+            names = tuple(f"distance of breakpoints {i + 1} and {i + 2} of {key}" for i in gaps)
+            lower, upper = (np.full(gaps.size, side) for side in (axis.axis.least_distance, np.inf))
+            parts.append(Rows(columns, np.broadcast_to([-1.0, 1.0], columns.shape), lower, upper, names))
+    return Rows.together(parts)
+
+
+def slopes_along(values: Int, points: Int, sides: tuple[float, float], names: tuple[str, ...]) -> Rows:
+    """Limits of the slope between neighbours whose breakpoints move: `lower (x2 - x1) <= z2 - z1 <= upper (x2 - x1)`.
+
+    Linear in values and breakpoints together. `values` and `points` are the columns of z1, z2 and of x1, x2, both
+    Int[rows, 2].
+    """
+    columns, parts = np.hstack([values, points]), []
+    nothing = np.zeros(len(columns))
+    for side, (low, high) in zip(sides, ((0.0, np.inf), (-np.inf, 0.0)), strict=True):
+        if np.isfinite(side):
+            coefficients = np.broadcast_to([-1.0, 1.0, side, -side], columns.shape)
+            parts.append(Rows(columns, coefficients, nothing + low, nothing + high, names))
+    return Rows.together(parts)
+
+
+def rising(order: Rows, values: Float) -> bool:
+    """Whether breakpoints stand in their order, whatever rounding does to their distance."""
+    return order.count == 0 or bool(np.all(order.times(values) >= 0.5 * order.lower))
+
+
+def touching_pairs(points: Float, least: float) -> Int:
+    """The breakpoints that stand as close to the next one as they may, by number."""
+    gaps = np.diff(points)
+    return np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
+
+
+def limits_of(problem: Problem, values: Values) -> Limits:
+    """Bounds, locks, shapes, pins and equalities of the free values.
+
+    Raises `InputError` where one of them concerns what is not free.
+    """
+    lower, upper = np.full(values.free, -np.inf), np.full(values.free, np.inf)
+    tables = np.zeros(values.free, dtype=np.int64)
+    for table, name in enumerate(problem.free_names):
+        parameter, at = problem.parameters[name], values.offsets[name]
+        part = slice(at, at + parameter.size)
+        tables[part] = table
+        held = parameter.locked.ravel()
+        lower[part] = np.where(held, parameter.values.ravel(), parameter.lower.ravel())
+        upper[part] = np.where(held, parameter.values.ravel(), parameter.upper.ravel())
+    for table, (key, axis) in enumerate(problem.free_axes.items(), len(problem.free_names)):
+        part = slice(values.moving[key], values.moving[key] + len(axis.axis))
+        tables[part] = table
+        lower[part], upper[part] = bounds_of(axis, problem.parameters, problem.held)
+    findings = list(_findings(problem))
+    if findings:
+        raise InputError(findings)
+    writer = _Writer(problem, values)
+    order = order_of(problem.free_axes, values)
+    return Limits(lower, upper, Rows.together([writer.pins(), *writer.constraints(), order]), tables)
+
+
+def _findings(problem: Problem) -> Iterator[Finding]:
+    """What is wrong with pins, shapes and equalities themselves."""
+    for pin in problem.pins:
+        yield from _of_term(problem, f"pin of {pin.parameter}", Term(pin.parameter, pin.at))
+    for constraint in problem.constraints:
+        if isinstance(constraint, Shape):
+            what = f"{constraint.kind} of {constraint.parameter}"
+            yield from _of_term(problem, what, Term(constraint.parameter))
+            if constraint.parameter in problem.parameters:
+                yield from _of_curvature(problem, what, constraint)
+                axes = len(problem.parameters[constraint.parameter].index_axes)
+                if not 0 <= constraint.axis < axes:
+                    yield Finding(what, f"axis {constraint.axis} does not exist, the parameter has {axes}")
+        else:
+            for term in constraint.terms:
+                yield from _of_term(problem, f"equality {constraint}", term)
+
+
+def _of_term(problem: Problem, what: str, term: Term) -> Iterator[Finding]:
+    if term.parameter not in problem.free_names:
+        yield Finding(what, f"{term.parameter} is not free", "Free it, or drop the limit.")
+    elif term.at is not None:
+        axes = problem.parameters[term.parameter].index_axes
+        if len(term.at) != len(axes):
+            yield Finding(what, f"{list(term.at)} has {len(term.at)} coordinates for {len(axes)} axes")
+
+
+def _of_curvature(problem: Problem, what: str, shape: Shape) -> Iterator[Finding]:
+    """A limit of the curvature is linear only while the breakpoints stand still."""
+    if shape.kind == "curvature" and _moving(problem, shape) is not None:
+        yield Finding(what, "the breakpoints along this axis are free", "Keep them, or drop the limit.")
+
+
+def _moving(problem: Problem, shape: Shape) -> AxisKey | None:
+    """The axis that a shape lies along, if its breakpoints are fitted."""
+    table = problem.parameters[shape.parameter]
+    if not 0 <= shape.axis < len(table.axes):
+        return None
+    key = key_of(table, shape.axis)
+    return key if key in problem.free_axes else None
+
+
+class _Writer:
+    """Writes rows over the free values."""
+
+    def __init__(self, problem: Problem, values: Values) -> None:
+        self.problem, self.values = problem, values
+
+    def pins(self) -> Rows:
+        """Pins as equalities."""
+        pins = [(_pin_name(pin), Term(pin.parameter, pin.at), pin.value) for pin in self.problem.pins]
+        return Rows.together([self._equality(Equality([term], value), name) for name, term, value in pins])
+
+    def constraints(self) -> Iterator[Rows]:
+        """Shapes and equalities, in their order."""
+        for constraint in self.problem.constraints:
+            if isinstance(constraint, Shape):
+                yield self._shape(constraint)
+            else:
+                yield self._equality(constraint, f"equality {constraint}")
+
+    def _equality(self, equality: Equality, name: str) -> Rows:
+        row = np.zeros(self.values.free)
+        for term in equality.terms:
+            columns, weights = grid_points(self.problem.parameters[term.parameter], term.at)
+            np.add.at(row, columns + self.values.offsets[term.parameter], term.factor * weights)
+        side = np.array([equality.value])
+        return Rows.of(row[None], side, side, [name])
+
+    def _shape(self, shape: Shape) -> Rows:
+        parameter = self.problem.parameters[shape.parameter]
+        points, coefficients = _differences(parameter, shape)
+        columns = points.reshape(-1, points.shape[-1]) + self.values.offsets[shape.parameter]
+        names = tuple(_places(parameter, shape, points))
+        key = _moving(self.problem, shape)
+        if key is not None:
+            steps = np.repeat(np.arange(len(points)), points.shape[1]) + self.values.moving[key]
+            return slopes_along(columns, np.stack([steps, steps + 1], axis=1), (shape.lower, shape.upper), names)
+        lower, upper = (np.full(len(columns), side) for side in (shape.lower, shape.upper))
+        return Rows(columns, np.repeat(coefficients, points.shape[1], axis=0), lower, upper, names)
+
+
+def _pin_name(pin: Pin) -> str:
+    at = ", ".join(f"{DIRECTIONS[i]} = {x:g}" for i, x in enumerate(pin.at))
+    return f"pin of {pin.parameter} at {at}" if at else f"pin of {pin.parameter}"
+
+
+def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:
+    """Grid points of each difference along the axis, Int[steps, lines, points], and their coefficients [steps, points].
+
+    The coefficients of a slope take (z2 - z1) / (x2 - x1); those of a curvature the slope's change over the mean of
+    the two distances.
+    """
+    x = parameter.index_axes[shape.axis].breakpoints
+    gaps = np.diff(x)
+    slopes = np.stack([-1 / gaps, 1 / gaps], axis=1)
+    if shape.kind == "slope":
+        coefficients = slopes
+    else:
+        between = 2 / (x[2:] - x[:-2])
+        left, right = slopes[:-1] * between[:, None], slopes[1:] * between[:, None]
+        coefficients = np.stack([-left[:, 0], right[:, 0] - left[:, 1], right[:, 1]], axis=1)
+    steps, width = coefficients.shape
+    points = np.arange(parameter.size).reshape(parameter.values.shape)
+    lines = np.moveaxis(points, shape.axis, 0).reshape(x.size, -1)
+    return np.stack([lines[i : steps + i] for i in range(width)], axis=-1), coefficients
+
+
+def _places(parameter: Parameter, shape: Shape, points: Int) -> Iterator[str]:
+    """Each row in words: `slope of MapX along x between 1000 and 1500 at y = 20`."""
+    axes = parameter.index_axes
+    for first, *_, last in points.reshape(-1, points.shape[-1]):
+        begin, end = (np.unravel_index(at, parameter.values.shape)[shape.axis] for at in (first, last))
+        x = axes[shape.axis].breakpoints
+        others = [
+            f"{DIRECTIONS[i]} = {axes[i].breakpoints[j]:g}"
+            for i, j in enumerate(np.unravel_index(first, parameter.values.shape))
+            if i != shape.axis
+        ]
+        where = f" at {', '.join(others)}" if others else ""
+        direction = DIRECTIONS[shape.axis]
+        yield f"{shape.kind} of {parameter.name} along {direction} between {x[begin]:g} and {x[end]:g}{where}"
+
+
+def grid_points(parameter: Parameter, at: tuple[float, ...] | None) -> tuple[Int, Float]:
+    """Flat grid points around a coordinate and their weights; all of them where there is none."""
+    if at is None:
+        return np.arange(parameter.size), np.ones(parameter.size)
+    sides = [
+        cell_weights(position(np.array([x]), axis.breakpoints, parameter.extrapolation), len(axis))[0]
+        for x, axis in zip(at, parameter.index_axes, strict=True)
+    ]
+    weights = table_weights(sides, parameter.values.shape)[0]
+    columns = np.flatnonzero(weights)
+    return columns, weights[columns]

@@ -1,0 +1,107 @@
+"""Test samples that are training samples too: the error on them says nothing about data that the fit has not seen."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Bool, Int
+from kennfeld.dataset import Dataset
+from kennfeld.errors import Finding
+from kennfeld.optimize.problem import Problem
+
+__all__ = ["HOLD_BACK", "overlap_findings"]
+
+HOLD_BACK = "Hold other data back: the error on these does not tell how the function works on unseen data."
+
+_CHANCE = 0.01  # share of the distinct test samples; coarse channels repeat themselves in some
+_FACTOR = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: D. Knuth, The Art of Computer Programming, 6.4
+
+Keys = NDArray[np.uint64]
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """How many of the samples of a test dataset, and of which training datasets they are samples too."""
+
+    dataset: Dataset
+    training: tuple[str, ...]
+    samples: int
+    of: int
+
+    def __str__(self) -> str:
+        count = f"all {self.of}" if self.samples == self.of else f"{self.samples} of {self.of}"
+        return f"{count} test samples have the same inputs and targets as samples of {', '.join(self.training)}"
+
+
+def overlaps(problem: Problem) -> Iterator[Overlap]:
+    """Yield the test datasets that share scored samples with training data: equal inputs and equal targets.
+
+    A single shared sample, or a share of at most 1 %, is taken for chance. Equal samples of one dataset count once in
+    that: at standstill all are the same.
+    """
+    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
+    for test in (data for data in problem.datasets if data.use == "test"):
+        overlap = _overlap(problem, test, training)
+        if overlap is not None:
+            yield overlap
+
+
+def _overlap(problem: Problem, test: Dataset, training: Sequence[Dataset]) -> Overlap | None:
+    """What a test dataset shares with training data, each compared over the channels that it has too."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    seen: dict[tuple[str, ...], Bool] = {}
+    counts: dict[tuple[str, ...], Int] = {}
+    for data in training:
+        names = _shared_names(problem, test, data)
+        distinct, counts[names] = np.unique(_keys(test, names), return_counts=True)
+        shared = _within(distinct, np.sort(_keys(data, names)))
+        if shared.sum() > 1 and shared.sum() > _CHANCE * distinct.size:
+            found.setdefault(names, []).append(data.name)
+            seen[names] = seen.get(names, False) | shared
+    if not found:
+        return None
+    most = max(found, key=lambda names: counts[names][seen[names]].sum())
+    return Overlap(test, tuple(found[most]), int(counts[most][seen[most]].sum()), int(counts[most].sum()))
+
+
+def overlap_findings(problem: Problem, place: Callable[[Dataset], str]) -> Iterator[Finding]:
+    """Yield a warning for each test dataset that shares samples with training data."""
+    for overlap in overlaps(problem):
+        yield Finding(place(overlap.dataset), str(overlap), HOLD_BACK, severity="warning")
+
+
+def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:
+    """The channels that tell whether samples of two datasets are the same; none if no target can be compared."""
+    inputs = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
+    targets = [c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.kind != "number"]
+    both = [name for name in targets if name in test and name in training]
+    return () if targets and not both else tuple(name for name in dict.fromkeys([*inputs, *both]) if name in test)
+
+
+def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
+    """A number for each scored sample at which all channels are known: equal for equal samples, else hardly ever."""
+    kept = dataset.counting.copy()
+    for name in names:
+        kept &= np.isfinite(dataset[name].values)
+    keys = np.zeros(int(kept.sum()) if names else 0, dtype=np.uint64)
+    for name in names:
+        values = dataset[name].values[kept] + 0.0  # -0 becomes 0
+        keys = _mixed(keys ^ values.view(np.uint64))
+    return keys
+
+
+def _mixed(keys: Keys) -> Keys:
+    """Spread every bit over all others."""
+    keys = (keys ^ (keys >> np.uint64(32))) * _FACTOR
+    keys = (keys ^ (keys >> np.uint64(29))) * _FACTOR
+    return np.asarray(keys ^ (keys >> np.uint64(32)))
+
+
+def _within(keys: Keys, others: Keys) -> Bool:
+    """Which of some keys are among others; both sorted, which makes the search fast."""
+    if not others.size:
+        return np.zeros(keys.size, dtype=bool)
+    places = np.minimum(np.searchsorted(others, keys), others.size - 1)
+    return np.asarray(others[places] == keys)

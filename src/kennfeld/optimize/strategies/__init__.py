@@ -1,0 +1,1 @@
+"""Ways to a minimum: smoothed, global, with output limits, with free breakpoints."""

@@ -1,0 +1,313 @@
+"""Where free breakpoints begin: chosen from a dense axis.
+
+Moved one by one, breakpoints end wherever the next kink of the data catches them, and a descent from even ones often
+ends far above the best. So each free axis is first made several times as dense and stands still while all values are
+fitted; then the breakpoints that matter least are removed, until as many are left as there were (see `elimination`).
+From there they move. Because the dense axis holds the breakpoints it was made from, this can be repeated.
+
+Denser axes: the same surfaces over more breakpoints, which stand still.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.free_axes import AxisKey
+from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.linear_limits import bounds_of, limits_of
+from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.problem import Factor, Problem
+from kennfeld.optimize.projection import project
+from kennfeld.optimize.solver.levenberg_marquardt import Descent, Iteration, Settings, gauss_newton
+from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.strategies.breakpoint_elimination import Dense, eliminated
+from kennfeld.optimize.strategies.smoothing_continuation import SHORT, Continuation
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter
+
+__all__ = ["Placing", "coarse", "densified", "parts_of", "thickened", "turns_of"]
+
+PARTS = 8  # cells that a cell of a free axis is cut into
+MOST_VALUES = 1000  # of the dense problem
+MOST_OF_ONE = 2000  # where a single axis is dense
+
+ROUNDS = 3
+GAIN = 1e-3  # relative fall of the cost for which another round is worth its time
+RIDGE = 1e-4  # of each curvature: what no data can tell apart stays near, where the quadratic model holds
+STIFFNESS = 1e-6  # of the mean curvature: what ties values without data to their neighbours
+CREEP = 1e-5  # relative change of the cost at which moving breakpoints only creep from one sample to the next
+Report = Callable[[str, Iteration, Float, Compiled], None]
+
+
+def turns_of(problem: Problem) -> list[tuple[AxisKey, ...]]:
+    """The free axes that are made dense together: all at once, or one after the other where that is too much."""
+    together = tuple(problem.free_axes)
+    if parts_of(problem, together):
+        return [together]
+    return [(key,) for key in together if parts_of(problem, (key,))]
+
+
+def parts_of(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey, Int]:
+    """Into how many parts to cut each cell of some axes, so that the dense problem stays moderate.
+
+    Empty where no cell can be cut.
+    """
+    for parts in range(PARTS, 1, -1):
+        found = {key: _parts(problem.free_axes[key].axis, parts) for key in keys}
+        most = MOST_OF_ONE if len(found) == 1 else MOST_VALUES
+        if sum(_size(problem, name, found) for name in problem.free_names) <= most:
+            return found if any((cells > 1).any() for cells in found.values()) else {}
+    return {}
+
+
+def _parts(axis: Axis, most: int) -> Int:
+    """Parts of each cell, none narrower than breakpoints may be apart."""
+    room = np.diff(axis.breakpoints) / axis.least_distance * (1 + 1e-9)
+    return np.clip(room, 1, most).astype(np.int64)
+
+
+def _size(problem: Problem, name: str, parts: Mapping[AxisKey, Int]) -> int:
+    size = problem.parameters[name].size
+    for key, cells in parts.items():
+        for table, _ in problem.free_axes[key].places:
+            if table == name:
+                size = size // (cells.size + 1) * (int(cells.sum()) + 1)
+    return size
+
+
+def densified(points: Float, parts: Int) -> Float:
+    """Breakpoints with each cell cut into even parts; the given ones stay, bit for bit.
+
+    >>> densified(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
+    [0.0, 1.0, 2.0, 3.0]
+    """
+    cells = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(points), parts, strict=True)]
+    return np.concatenate([*cells, points[-1:]])
+
+
+def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
+    """The problem on denser axes; the same surfaces, the same price of roughness. All axes stand still."""
+    tables: dict[str, Parameter] = {}
+    smoothness = dict(problem.smoothness)
+    for key, axis in problem.free_axes.items():
+        cells = parts.get(key, np.ones(len(axis.axis) - 1, dtype=np.int64))
+        still = axis.axis.changed(breakpoints=densified(axis.axis.breakpoints, cells), free=False)
+        for name, which in axis.places:
+            known = smoothness[name] if name in tables else problem.factors(name)
+            factors: list[Factor] = [known] if isinstance(known, float | str) else [*known]
+            factors[which] = float(factors[which]) * (cells.sum() / max(cells.size, 1)) ** 4
+            tables[name] = _on(tables.get(name, problem.parameters[name]), which, still)
+            smoothness[name] = tuple(factors)
+    return replace(
+        problem,
+        parameters=problem.parameters.with_parameters(*tables.values()),
+        smoothness=smoothness,
+        restraints={name: restraint for name, restraint in problem.restraints.items() if name not in tables},
+    )
+
+
+def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
+    """A table on a denser axis; what lies between two locked values is locked, its bounds are the wider ones."""
+    place = position(axis.breakpoints, table.axes[which].breakpoints, "clip")
+    weights, _ = cell_weights(place, len(table.axes[which]))
+    left = np.floor(place).astype(np.int64)
+    right = np.ceil(place).astype(np.int64)
+    values = np.moveaxis(np.tensordot(weights, table.values, axes=(1, which)), 0, which)
+
+    def both(array: Any) -> tuple[Any, Any]:
+        return np.take(array, left, axis=which), np.take(array, right, axis=which)
+
+    return table.changed(
+        values=values,
+        axes=tuple(axis if i == which else old for i, old in enumerate(table.axes)),
+        lower=np.minimum(*both(table.lower)),
+        upper=np.maximum(*both(table.upper)),
+        locked=np.logical_and(*both(table.locked)),
+    )
+
+
+def coarse(settings: Settings) -> Settings:
+    """Settings of a descent in which breakpoints move.
+
+    The cost has a crease wherever a breakpoint meets a sample. Between noisy samples these catch a descent, which then
+    creeps on in tiny steps that gain nothing but time.
+    """
+    return replace(settings, tolerance=max(settings.tolerance, CREEP), trusted=np.inf)
+
+
+class Placing:
+    """A search for the breakpoints of a problem; `exact` is its compiled form.
+
+    With `smoothed`, lookups on the dense axes are smoothed first where their coordinate depends on a free parameter.
+    """
+
+    def __init__(self, problem: Problem, exact: Compiled, *, smoothed: bool) -> None:
+        self._problem, self._exact, self._smoothed = problem, exact, smoothed
+        self._objective = SumOfSquares(exact)
+
+    def descend(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
+        """The best end of several rounds, its values then fitted while the breakpoints stand still."""
+        best = self._rounds(start, limits, coarse(settings), report)
+        if best.status == "stopped":
+            return best
+        still = gauss_newton(
+            self._objective,
+            best.values,
+            self._standing(limits, best.values),
+            settings,
+            lambda line, values: report("still", line, values, self._exact),
+        )
+        iterations, evaluations = best.iterations + still.iterations, best.evaluations + still.evaluations
+        return replace(still, iterations=iterations, evaluations=evaluations)
+
+    def _standing(self, limits: Limits, values: Float) -> Limits:
+        """The limits with every breakpoint where it is."""
+        lower, upper = limits.lower.copy(), limits.upper.copy()
+        for key, at in self._exact.values.moving.items():
+            if at < self._exact.values.free:
+                part = slice(at, at + len(self._problem.free_axes[key].axis))
+                lower[part] = upper[part] = values[part]
+        return replace(limits, lower=lower, upper=upper)
+
+    def _rounds(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
+        """Rounds over all axes, while they are worth it."""
+        best = Descent(start, self._objective.cost(start), "converged", "The cost no longer falls.", 0, 1)
+        for _ in range(ROUNDS):
+            before = best.cost
+            for keys in turns_of(self._problem):
+                best = _better(best, self._round(best.values, keys, limits, settings, report))
+                if best.status == "stopped":
+                    return best
+            if not best.cost < before * (1 - GAIN):
+                break
+        return best
+
+    def _round(
+        self, at: Float, keys: Collection[AxisKey], limits: Limits, settings: Settings, report: Report
+    ) -> Descent:
+        """Dense fit, choice of breakpoints, and the descent from there; an infinite cost where that is not possible."""
+        here = replace(self._problem, parameters=self._parameters(at))
+        parts = parts_of(here, keys)
+        nowhere = Descent(at, np.inf, "converged", "", 0, 0)
+        if not parts:
+            return nowhere
+        dense = _Dense(thickened(here, parts))
+        found = dense.descend(settings, report, smoothed=self._smoothed)
+        if found is None:
+            return nowhere
+        nowhere = replace(nowhere, iterations=found.iterations, evaluations=found.evaluations)
+        if found.status in ("stopped", "failed"):
+            return replace(nowhere, status=found.status, message=found.message)
+        chosen, _ = project(self._chosen(here, dense, keys, found.values), limits)
+        if chosen is None:
+            return nowhere
+        end = gauss_newton(
+            self._objective,
+            chosen,
+            limits,
+            settings,
+            lambda line, values: report("placed", line, values, self._exact),
+        )
+        return _better(end, nowhere)
+
+    def _parameters(self, at: Float) -> ParameterSet:
+        full = self._exact.start.copy()
+        full[: at.size] = at
+        return self._exact.values.unpack(full, self._problem.parameters)
+
+    def _chosen(self, here: Problem, dense: "_Dense", keys: Collection[AxisKey], values: Float) -> Float:
+        """Free values of the problem itself: the breakpoints that are left of the dense axes, and the values there."""
+        axes = {key: dense.axis(here, key) for key in keys}
+        left, fitted = eliminated(list(axes.values()), values, dense.inverse(values, list(axes.values())))
+        kept = dict(zip(keys, left, strict=True))
+        held = dense.parameters(fitted)
+        flat = self._exact.values.pack(here.parameters)
+        for name in self._problem.free_names:
+            table = held[name].values
+            for key in keys:
+                for which in (which for place, which in here.free_axes[key].places if place == name):
+                    table = np.take(table, kept[key], axis=which)
+            first = self._exact.values.offsets[name]
+            flat[first : first + table.size] = table.ravel()
+        for key, axis in axes.items():
+            first = self._exact.values.moving[key]
+            flat[first : first + kept[key].size] = axis.points[kept[key]]
+        return flat[: self._exact.values.free]
+
+
+def _better(best: Descent, found: Descent) -> Descent:
+    """The lower of two ends, with the effort of both."""
+    lower = found if found.cost < best.cost else best
+    if found.status == "stopped":
+        lower = replace(lower, status=found.status, message=found.message)
+    effort = {name: getattr(best, name) + getattr(found, name) for name in ("iterations", "evaluations")}
+    return replace(lower, **effort)
+
+
+class _Dense:
+    """A problem on dense axes, compiled."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.compiled = Compiled(problem)
+        self.objective = SumOfSquares(self.compiled)
+        self.limits = limits_of(problem, self.compiled.values)
+
+    def descend(self, settings: Settings, report: Report, *, smoothed: bool) -> Descent | None:
+        """The end from where the surfaces are; None where limits cannot be met."""
+        begin, _ = project(self.objective.start, self.limits)
+        if begin is None:
+            return None
+        quick = replace(settings, patience=2)
+        smooth = Continuation.of(self.problem, self.compiled) if smoothed else None
+
+        def told(line: Iteration, values: Float) -> None:
+            report("dense", line, values, self.compiled)
+
+        if smooth is not None:
+            return smooth.descend(SHORT, begin, self.limits, quick, lambda _, line, values: told(line, values))
+        return gauss_newton(self.objective, begin, self.limits, quick, told)
+
+    def parameters(self, values: Float) -> ParameterSet:
+        """The tables with these free values."""
+        full = self.compiled.start.copy()
+        full[: values.size] = values
+        return self.compiled.values.unpack(full, self.problem.parameters)
+
+    def axis(self, here: Problem, key: AxisKey) -> Dense:
+        """A dense axis and the values on it, to be thinned out to the breakpoints of `here`."""
+        axis = here.free_axes[key]
+        table, direction = axis.places[0]
+        points = self.problem.parameters[table].axes[direction].breakpoints
+        low, high = bounds_of(axis, here.parameters, here.held)
+        stays = np.isin(points, axis.axis.breakpoints[low == high])
+        stays[[0, -1]] = True
+        lines = []
+        for name, which in axis.places:
+            shape = self.problem.parameters[name].values.shape
+            grid = self.compiled.values.offsets[name] + np.arange(int(np.prod(shape))).reshape(shape)
+            lines.append(np.moveaxis(grid, which, 0).reshape(points.size, -1))
+        return Dense(points, np.hstack(lines), stays, len(axis.axis))
+
+    def inverse(self, values: Float, axes: Sequence[Dense]) -> Float:
+        """The inverse of the matrix, 0 for values that cannot move.
+
+        Values that no data inform are tied to their neighbours along the dense axes.
+        """
+        _, matrix = self.objective.normal(values)
+        whole, diagonal = matrix.copy(), np.diag(matrix)
+        for axis in axes:
+            three = np.stack([axis.columns[i : len(axis.columns) - 2 + i].ravel() for i in range(3)], axis=1)
+            bend = np.array([1.0, -2.0, 1.0])
+            share = STIFFNESS * float(diagonal[axis.columns].mean())
+            np.add.at(whole, (three[:, :, None], three[:, None, :]), share * np.outer(bend, bend))
+        whole[np.diag_indices(len(whole))] += RIDGE * np.maximum(np.diag(whole), 1e-6 * diagonal.mean()) + 1e-300
+        movable = np.ix_(*[np.flatnonzero(self.limits.movable)] * 2)
+        found = np.zeros_like(whole)
+        found[movable] = np.linalg.inv(whole[movable])
+        return found

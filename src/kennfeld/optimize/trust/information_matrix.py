@@ -1,0 +1,370 @@
+"""What limits leave free: the values that still move on their own, and how the others follow them.
+
+Bases of a space of changes that do not depend on how an eigenvalue routine happens to turn and sign them.
+
+What an information matrix determines: its inverse, and the directions in which it is small or nothing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int, Sparse
+from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
+from kennfeld.optimize.trust.matrices import Matrix, part, scaled, whole
+
+__all__ = ["Reduction", "Spectrum", "active_rows", "echelon", "held", "nullity", "pivots", "root"]
+
+TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
+REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
+
+TIE = 1e-2  # relative preference of the first value to the last, so that rounding errors break no tie
+RANK_TOLERANCE = 1e-10  # of a unit diagonal: what a value must add to be no combination of the others
+
+NOTHING = 1e-12  # share of the largest eigenvalue, or singular value, that is rounding
+SOUND = 1e10  # largest variance of a value, in units of that it has alone, up to which an inverse is taken as it is
+PART = 1e-8  # share of a value in undetermined directions, squared, that is not rounding
+ALIKE = 1e-6  # relative difference up to which eigenvalues are one
+WEAKEST = 20  # how many directions are looked at
+LARGE, BLOCK = 1000, 256  # values from which an inverse is worth another library; rows at a time
+SHIFT = 1e-11  # of the diagonal, so that a matrix with open directions has an inverse
+MANY = 4  # share of values, one in so many, up to which open directions are looked for one by one
+ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
+
+
+def held(limits: Limits, values: Float, gradient: Float, rows: Float) -> Bool:
+    """Values that a lock holds, or a bound that the cost presses them against while the `rows` stay as they are."""
+    low, high = values <= limits.lower, values >= limits.upper
+    inside = limits.movable & ~low & ~high
+    multipliers = np.linalg.lstsq(rows[:, inside].T, -gradient[inside], rcond=None)[0]
+    slope = gradient + multipliers @ rows
+    found: Bool = (low & (slope >= 0)) | (high & (slope <= 0)) | ~limits.movable
+    return found
+
+
+def active_rows(limits: Limits, values: Float) -> Float:
+    """Rows a of the linear limits that are met with equality, a'p = b; shape (rows, values)."""
+    rows = limits.rows
+    product, slack = rows.times(values), TOUCHING * rows.size(values)
+    touching = rows.equal | (product <= rows.lower + slack) | (product >= rows.upper - slack)
+    return rows.matrix(np.flatnonzero(touching), values.size)
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Values p of which some are held, and others follow the `independent` ones through linear equalities.
+
+    A change q of the independent values changes the `dependent` ones by `follow @ q`, and the held ones not at all.
+
+    >>> reduction = Reduction.of(np.array([False, False, True]), np.array([[1.0, 2.0, 0.0]]))
+    >>> reduction.independent, reduction.expand(np.array([2.0]))
+    (array([0]), array([ 2., -1.,  0.]))
+    """
+
+    size: int
+    independent: Int
+    dependent: Int
+    follow: Float  # Float[dependent, independent]
+
+    @classmethod
+    def of(cls, held: Bool, rows: Float) -> "Reduction":
+        """Eliminate a value for each row, that of the largest coefficient; rows that say nothing new fall out."""
+        moving = np.flatnonzero(~held)
+        work = np.array(rows[:, moving], dtype=np.float64)
+        typical = np.abs(work).max(axis=1, initial=0.0)
+        pivots: list[int] = []
+        used: list[int] = []
+        for _ in range(len(work)):
+            left = np.abs(work) / np.where(typical > 0, typical, 1.0)[:, None]
+            left[used] = 0.0
+            row, column = np.unravel_index(int(left.argmax()), left.shape) if left.size else (0, 0)
+            if not left.size or left[row, column] <= REDUNDANT:
+                break
+            work[row] /= work[row, column]
+            others = np.arange(len(work)) != row
+            work[others] -= np.outer(work[others, column], work[row])
+            used.append(int(row))
+            pivots.append(int(column))
+        rest = np.setdiff1d(np.arange(moving.size), pivots)
+        return cls(held.size, moving[rest], moving[pivots], -work[used][:, rest])
+
+    @property
+    def held(self) -> Bool:
+        """Values that do not change, whatever the independent ones do."""
+        found = np.ones(self.size, dtype=bool)
+        found[self.independent] = False
+        found[self.dependent] = ~self.follow.any(axis=1)
+        return found
+
+    def expand(self, changes: Float) -> Float:
+        """Changes of all values, from those of the independent ones in the last dimension."""
+        full = np.zeros((*changes.shape[:-1], self.size))
+        full[..., self.independent] = changes
+        full[..., self.dependent] = changes @ self.follow.T
+        return full
+
+    def matrix(self, matrix: Matrix) -> Matrix:
+        """Z'MZ, where Z expands changes of the independent values; M itself where all of them are."""
+        found = part(matrix, self.independent)
+        if not self.dependent.size:
+            return found
+        if isinstance(matrix, np.ndarray):
+            cross = self.follow.T @ matrix[np.ix_(self.dependent, self.independent)]
+            found = found + cross + cross.T
+            found += self.follow.T @ matrix[np.ix_(self.dependent, self.dependent)] @ self.follow
+            return found
+        from scipy.sparse import csr_array
+
+        follow = csr_array(self.follow)
+        cross = follow.T @ matrix[self.dependent][:, self.independent]
+        return csr_array(found + cross + cross.T + follow.T @ part(matrix, self.dependent) @ follow)
+
+    def vector(self, vector: Float) -> Float:
+        """Z'v."""
+        found: Float = vector[self.independent] + self.follow.T @ vector[self.dependent]
+        return found
+
+    def rows(self, rows: Float) -> Float:
+        """Rows over all values as rows over the independent ones."""
+        found: Float = rows[:, self.independent]
+        return found + rows[:, self.dependent] @ self.follow if self.dependent.size else found
+
+
+def pivots(basis: Float, preference: Float | None = None) -> Int:
+    """Choose as many values as there are columns, such that no change in the space leaves all of them as they are.
+
+    Pivoted QR picks the value that takes most part in what the values before it leave. As the parts are norms over all
+    columns, any other orthonormal basis of the space gives the same choice.
+
+    Args:
+        basis: orthonormal columns, shape (values, dimension).
+        preference: factor on the part of each value; by default all count alike. Shape (values,).
+
+    Returns:
+        The numbers of the values, the first choice first; shape (dimension,).
+
+    >>> pivots(np.array([[0.6], [0.8]])), pivots(np.array([[0.6], [0.8]]), np.array([1.0, 0.1]))
+    (array([1]), array([0]))
+    """
+    size, dimension = basis.shape
+    if not dimension:
+        return np.zeros(0, dtype=np.int64)
+    from scipy.linalg import qr
+
+    weight = 1.0 - TIE * np.arange(size) / size
+    if preference is not None:
+        weight = weight * preference
+    _, order = qr((basis * weight[:, None]).T, mode="r", pivoting=True)
+    found: Int = order[:dimension].astype(np.int64)
+    return found
+
+
+def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
+    """Return the columns that change one pivot by 1 and the other pivots by 0, those of the first `most` pivots.
+
+    >>> echelon(np.array([[0.6], [0.8]]), np.array([0])).round(3).tolist()
+    [[1.0], [1.333]]
+    """
+    count = pivots.size if most is None else min(most, pivots.size)
+    found: Float = basis @ np.linalg.solve(basis[pivots], np.eye(pivots.size)[:, :count])
+    return found
+
+
+def nullity(matrix: Matrix) -> int:
+    """Count the directions in which a positive semidefinite matrix is zero, relative to its diagonal; that is > 0.
+
+    >>> nullity(np.array([[1.0, 2.0], [2.0, 4.0]]))
+    1
+    """
+    units = scaled(matrix, 1 / np.sqrt(matrix.diagonal()))
+    if not isinstance(units, np.ndarray):
+        from scipy.sparse import csr_array, eye_array
+
+        return BlockFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).negative
+    try:
+        np.linalg.cholesky(units - RANK_TOLERANCE * np.eye(len(units)))
+    except np.linalg.LinAlgError:
+        from scipy.linalg.lapack import dpstrf
+
+        return len(units) - int(dpstrf(units, tol=RANK_TOLERANCE, lower=1)[2])
+    return 0
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """The inverse of H, and its weakest directions in units of `scale`, the root of its diagonal.
+
+    `null` are orthonormal directions that H does not determine at all; the inverse is 0 along them.
+    `weak` are the least determined eigenvectors among the others, with their eigenvalues `weakness`.
+    """
+
+    scale: Float  # Float[values]
+    inverse: Inverse  # of H itself
+    null: Float  # Float[values, undetermined]
+    weak: Float  # Float[values, directions]
+    weakness: Float  # Float[directions], ascending
+
+    @classmethod
+    def of_matrix(cls, matrix: Float) -> "Spectrum":
+        """Of H itself; by its eigenvalues only where it is nearly singular: they cost five times an inverse."""
+        scale = np.sqrt(np.diag(matrix))
+        units = scaled(matrix, 1 / scale)
+        inverse = _sound_inverse(units)
+        if inverse is None:
+            values, vectors = np.linalg.eigh(units)
+            return cls._of(scale, values, vectors, int(np.sum(values <= NOTHING * values[-1:])))
+        weakness, weak = _weakest(lambda basis: inverse @ basis, scale.size)
+        inverse /= scale
+        inverse /= scale[:, None]
+        return cls(scale, DenseInverse(inverse), np.zeros((scale.size, 0)), weak, weakness)
+
+    @classmethod
+    def of_sparse(cls, matrix: Sparse, pattern: Sparse) -> "Spectrum":
+        """Of a sparse H, by its factor.
+
+        `pattern` has the non-zeros of H and of all matrices that the inverse will be asked about.
+        """
+        scale = np.sqrt(matrix.diagonal())
+        none = np.zeros((scale.size, 0))
+        inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
+        if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
+            weakness, weak = _weakest(inverse.factor.solve, scale.size)
+            return cls(scale, inverse, none, weak, weakness)
+        found = _lowest(scaled(matrix, 1 / scale))
+        if found is not None:
+            values, vectors, null = found
+            loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
+            inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
+            if inverse.factor.negative == 0:
+                return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
+        return cls.of_matrix(whole(matrix))
+
+    @classmethod
+    def of_rows(cls, rows: Float) -> "Spectrum":
+        """Of H = J'J, from J: it keeps the digits that the product squares away."""
+        scale = np.sqrt(np.einsum("ij,ij->j", rows, rows))
+        triangle = np.linalg.qr(rows / scale, mode="r")
+        missing = max(scale.size - len(triangle), 0)
+        _, singular, turned = np.linalg.svd(np.vstack([triangle, np.zeros((missing, scale.size))]))
+        null = int(np.sum(singular <= NOTHING * singular[:1]))
+        return cls._of(scale, singular[::-1] ** 2, turned[::-1].T, null)
+
+    @classmethod
+    def _of(cls, scale: Float, values: Float, vectors: Float, null: int) -> "Spectrum":
+        kept = vectors[:, null:] / scale[:, None]
+        inverse = (kept / values[null:]) @ kept.T
+        weak = slice(null, null + WEAKEST)
+        return cls(scale, DenseInverse(inverse), vectors[:, :null], vectors[:, weak], values[weak])
+
+    @property
+    def loose(self) -> Bool:
+        """Values that take part in an undetermined direction."""
+        found: Bool = np.sum(self.null**2, axis=1) > PART
+        return found
+
+    @property
+    def directions(self) -> Float:
+        """The least determined directions, in units of the values, worst first; shape (directions, values).
+
+        Those that nothing determines come first, at most `WEAKEST`, each the only one with a part in some value.
+        """
+        found: Float = np.vstack([_spread(self.null, WEAKEST), _settled(self.weak, self.weakness).T]) / self.scale
+        return found
+
+
+def _sound_inverse(matrix: Float) -> Float | None:
+    """The inverse of a symmetric matrix with a diagonal of ones, None where it may be singular."""
+    try:
+        inverse = _inverse_by_factor(matrix) if len(matrix) > LARGE else _inverse(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    sound = bool(np.all(np.abs(np.diag(inverse)) < SOUND))  # False for NaN, too
+    return inverse if sound else None
+
+
+def _inverse(matrix: Float) -> Float:
+    np.linalg.cholesky(matrix)
+    inverse = np.linalg.inv(matrix)
+    found: Float = 0.5 * (inverse + inverse.T)
+    return found
+
+
+def _inverse_by_factor(matrix: Float) -> Float:
+    """The same in less than half the time and room, with functions of LAPACK that take 0.1 s to load."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    factor, failed = dpotrf(matrix.T, lower=1, clean=0)
+    if failed:
+        raise np.linalg.LinAlgError
+    inverse, failed = dpotri(factor, lower=1, overwrite_c=1)
+    if failed:
+        raise np.linalg.LinAlgError
+    found: Float = inverse.T  # its upper triangle is right, the other one is filled below in blocks
+    for first in range(0, len(found), BLOCK):
+        block = slice(first, first + BLOCK)
+        found[block, :first] = found[:first, block].T
+        found[block, block] = np.triu(found[block, block]) + np.triu(found[block, block], 1).T
+    return found
+
+
+def _weakest(solve: Callable[[Float], Float], size: int) -> tuple[Float, Float]:
+    """The smallest eigenvalues of a matrix and their eigenvectors, by subspace iteration with its inverse."""
+    basis = _turned(solve, size, WEAKEST)
+    largest, turned = np.linalg.eigh(basis.T @ solve(basis))
+    return 1 / largest[::-1], basis @ turned[:, ::-1]
+
+
+def _turned(solve: Callable[[Float], Float], size: int, count: int) -> Float:
+    """An orthonormal basis that iteration with the inverse of a matrix has turned to its smallest eigenvalues."""
+    basis = np.random.default_rng(0).standard_normal((size, min(count, size)))
+    for _ in range(ROUNDS):
+        basis, _ = np.linalg.qr(solve(basis))
+    return basis
+
+
+def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
+    """Eigenvalues of a sparse matrix with a diagonal of ones that are 0, and the smallest others; and their vectors.
+
+    By subspace iteration with a shifted inverse. The last number counts those that are 0. None where there are so many
+    that all eigenvalues cost no more.
+    """
+    from scipy.sparse import csr_array, eye_array
+
+    size = matrix.shape[0]
+    shifted = BlockFactor(csr_array(matrix + SHIFT * eye_array(size)))
+    largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
+    count = 2 * WEAKEST
+    while shifted.negative == 0 and count <= size // MANY:
+        basis = _turned(shifted.solve, size, count)
+        values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
+        null = int(np.sum(values <= NOTHING * largest))
+        if null + WEAKEST <= count:
+            return values, basis @ turned, null
+        count *= 2
+    return None
+
+
+def _spread(basis: Float, most: int) -> Float:
+    """At most so many unit vectors of the space of some orthonormal columns, as rows, each with a value of its own."""
+    found = echelon(basis, pivots(basis), most).T
+    found[np.abs(found) < PART] = 0.0
+    unit: Float = found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+    return unit
+
+
+def _settled(vectors: Float, values: Float) -> Float:
+    """Eigenvectors in which those of equal eigenvalues span the same space as before, but are no matter of chance."""
+    edges = np.flatnonzero(np.diff(values) > ALIKE * np.abs(values[1:])) + 1
+    groups = np.split(np.arange(values.size), edges)
+    parts = [vectors[:, g] if g.size == 1 else _spread(vectors[:, g], g.size).T for g in groups]
+    return np.hstack(parts) if values.size else vectors
+
+
+def root(matrix: Float) -> Float:
+    """The symmetric square root of a positive semidefinite matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    found: Float = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return found

@@ -1,0 +1,220 @@
+"""Datasets brought into the form a model reads: gaps handled, pieces cut, time steps made."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.dataset import PAUSE, Dataset
+from kennfeld.errors import InputError
+from kennfeld.graph import CLOCK, Graph
+from kennfeld.preprocessing.settling import AVERAGING, Hold, hold_of, is_settled, not_held
+
+__all__ = ["NEAR", "Bound", "bind"]
+
+NEAR = 1e-6  # s; time stamps are no closer
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The samples of a dataset that a model can be run on.
+
+    `inputs` holds the model's inputs at all samples of the dataset. `picked` marks those that are kept, None if all
+    are; `starts` are the first sample of each piece among the kept; `scored` marks the kept that count; `clock` holds
+    `dt` and `t` of the kept where the model reads them, and what else is no channel.
+    Where steady-state points are held until the model has settled, each is a piece that picks the same sample again and
+    again, by number, of which the last counts; `hold` says how long.
+    """
+
+    dataset: Dataset
+    inputs: Mapping[str, Float]
+    picked: Bool | Int | None
+    starts: Int
+    scored: Bool
+    clock: Mapping[str, Float]
+    hold: Hold | None = None
+
+    @property
+    def count(self) -> int:
+        """How many samples were kept."""
+        return self.scored.size
+
+    @property
+    def kept(self) -> Int:
+        """The dataset's samples that were kept, by number."""
+        if self.picked is None:
+            return np.arange(self.dataset.samples)
+        return np.flatnonzero(self.picked) if self.hold is None else np.asarray(self.picked, dtype=np.int64)
+
+    @property
+    def columns(self) -> dict[str, Float]:
+        """All that the model reads, over the kept samples: the dataset's own arrays where all are, else copies."""
+        return {name: self._of_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
+
+    @property
+    def whole(self) -> "Bound":
+        """The same with all samples of the dataset kept, for models without memory: the others do not count."""
+        if self.picked is None or self.hold is not None:
+            return self
+        scored, start = np.zeros(self.dataset.samples, dtype=bool), np.zeros(1, dtype=np.int64)
+        scored[self.picked] = self.scored
+        clock = {name: np.full(scored.size, np.nan) for name in self.clock}
+        for name, values in self.clock.items():
+            clock[name][self.picked] = values
+        return Bound(self.dataset, self.inputs, None, start, scored, clock)
+
+    def channel(self, name: str) -> Float:
+        """A channel over the kept samples."""
+        return self._of_kept(self.dataset[name].values)
+
+    def _of_kept(self, values: Float) -> Float:
+        return values if self.picked is None else values[self.picked]
+
+    @property
+    def shown(self) -> "Bound":
+        """One sample a point where points are held, else the same."""
+        if self.hold is None:
+            return self
+        last = slice(self.hold.samples - 1, None, self.hold.samples)
+        starts = np.zeros(min(1, self.starts.size), dtype=np.int64)
+        picked = np.zeros(self.dataset.samples, dtype=bool)
+        picked[self.kept[last]] = True
+        clock = {name: column[last] for name, column in self.clock.items()}
+        return Bound(self.dataset, self.inputs, picked, starts, self.scored[last], clock)
+
+
+def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: float | None = None) -> Bound:
+    """Bind a dataset to the inputs of a graph; `channels` names the channel of an input where the names differ.
+
+    A NaN in an input drops a steady-state point. In time data, gaps up to the dataset's `max_gap` are interpolated,
+    longer ones end a piece. `step` is the model's own, for points that are held until it has settled.
+    Raises `InputError` where a channel is missing, or time is needed and not recorded.
+    """
+    inputs = {n: dataset[channels.get(n, n)].values for n in graph.inputs if n not in AVERAGING}
+    if dataset.settling is not None and is_settled(dataset, graph):
+        return _held(dataset, inputs, hold_of(dataset, dataset.settling, step))
+    clocks = {n.payload for n in graph.nodes if n.op == "input" and n.payload in CLOCK}
+    if clocks and dataset.time is None:
+        raise InputError.of(
+            f"dataset {dataset.name}",
+            "the function needs time steps, but the data have no time stamps",
+            "Name the time channel `time`, or set `raster`; for steady-state points, `settle`.",
+        )
+    if dataset.time is not None or graph.states:
+        inputs, valid = _bridged(dataset, inputs)
+        starts = _cut(dataset, valid)
+    else:
+        valid = _complete(dataset, inputs)
+        starts = np.zeros(int(valid.any()), dtype=np.int64)
+    picked = None if valid.all() else valid
+    kept = slice(None) if picked is None else picked
+    scored = np.broadcast_to(np.True_, dataset.samples) if dataset.scored is None else dataset.scored
+    clock = {} if dataset.time is None else _clock(dataset.time[kept], starts, clocks)
+    counts = scored[kept]
+    if dataset.warmup > 0 and dataset.time is not None:
+        counts = counts & (_since(dataset.time[kept], starts) > dataset.warmup - NEAR)
+    return Bound(dataset, inputs, picked, starts, counts, {**clock, **not_held(graph, counts.size)})
+
+
+def _held(dataset: Dataset, inputs: Mapping[str, Float], hold: Hold) -> Bound:
+    """Each point a piece of constant inputs, of which the last sample counts."""
+    points = np.flatnonzero(_complete(dataset, inputs))
+    picked = np.repeat(points, hold.samples)
+    scored = np.zeros(picked.size, dtype=bool)
+    scored[hold.samples - 1 :: hold.samples] = True if dataset.scored is None else dataset.scored[points]
+    starts = hold.samples * np.arange(points.size)
+    return Bound(dataset, inputs, picked, starts, scored, hold.columns(points.size), hold)
+
+
+def _complete(dataset: Dataset, inputs: Mapping[str, Float]) -> Bool:
+    valid = np.ones(dataset.samples, dtype=bool)
+    for values in inputs.values():
+        valid &= np.isfinite(values)
+    return valid
+
+
+def _bridged(dataset: Dataset, inputs: Mapping[str, Float]) -> tuple[dict[str, Float], Bool]:
+    """Inputs with short gaps interpolated, and the samples at which all of them are known."""
+    valid = np.ones(dataset.samples, dtype=bool)
+    bridged = {}
+    for name, values in inputs.items():
+        known = np.isfinite(values)
+        if not known.all() and dataset.max_gap > 0 and dataset.time is not None:
+            values, known = _interpolated(values, known, dataset.time, dataset.pieces, dataset.max_gap)
+        bridged[name] = values
+        valid &= known
+    return bridged, valid
+
+
+def _interpolated(
+    values: Float, known: Bool, time: Float, pieces: Sequence[slice], max_gap: float
+) -> tuple[Float, Bool]:
+    filled, good = values.copy(), known.copy()
+    for piece in pieces:
+        at = np.flatnonzero(known[piece]) + piece.start
+        for left, right in pairwise(at):
+            if right - left > 1 and time[right] - time[left] <= max_gap:
+                inner = slice(left + 1, right)
+                filled[inner] = np.interp(time[inner], time[[left, right]], values[[left, right]])
+                good[inner] = True
+    return filled, good
+
+
+def _cut(dataset: Dataset, valid: Bool) -> Int:
+    """Where among the valid samples a piece starts: at a recording's start, after a gap, or after a pause."""
+    fresh = np.zeros(dataset.samples, dtype=bool)
+    fresh[dataset.starts] = True
+    fresh[1:] |= ~valid[:-1]
+    if dataset.time is not None:
+        fresh[1:] |= np.diff(dataset.time) > _longest_step(dataset.time, dataset.starts, dataset.max_gap)
+    return np.flatnonzero(fresh[valid])
+
+
+def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
+    """The longest step in s that is no pause of the recording; infinite where there is no pause."""
+    steps = np.diff(time)
+    steps = np.delete(steps, starts[1:] - 1) if starts.size > 1 else steps
+    if not steps.size or steps.max() <= PAUSE * steps.min():  # looked at first: a median takes its time
+        return np.inf
+    return max(PAUSE * float(np.median(steps)), max_gap)
+
+
+def _clock(time: Float, starts: Int, clocks: Collection[str]) -> dict[str, Float]:
+    """What is asked for of `dt`, the step before each sample, and `t`, the time since the piece began."""
+    made = {"dt": _steps, "t": _since}
+    return {name: made[name](time, starts) for name in clocks}
+
+
+def _steps(time: Float, starts: Int) -> Float:
+    """The step before each sample in s; the first of a piece is as long as the second.
+
+    A piece of a single sample has the median step of all pieces, 1 s if none has two samples.
+    """
+    if not time.size:
+        return time
+    dt = np.diff(time, prepend=time[0])
+    lengths = _lengths(time, starts)
+    alone = 1.0 if lengths.min() > 1 else _typical(dt, starts)
+    dt[starts] = np.where(lengths > 1, dt[np.minimum(starts + 1, time.size - 1)], alone)
+    even = float(np.median(dt))
+    if max(dt.max() - even, even - dt.min()) <= 1e-6 * even:
+        return np.broadcast_to(even, time.size)
+    return dt
+
+
+def _typical(dt: Float, starts: Int) -> float:
+    """The median step within pieces; 1 where there is none."""
+    within = np.ones(dt.size, dtype=bool)
+    within[starts] = False
+    return float(np.median(dt[within])) if within.any() else 1.0
+
+
+def _since(time: Float, starts: Int) -> Float:
+    """The time since the piece began."""
+    return time - np.repeat(time[starts], _lengths(time, starts))
+
+
+def _lengths(time: Float, starts: Int) -> Int:
+    return np.diff(starts, append=time.size)

@@ -1,0 +1,121 @@
+"""Channels and conditions that are formula text over channels.
+
+Expressions over the channels of a dataset.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from types import MappingProxyType
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import Finding, InputError
+from kennfeld.graph import CLOCK, Graph
+from kennfeld.graph.interpreter import evaluate
+from kennfeld.graph.lookup_lowering import lower
+from kennfeld.models.formula import expression
+from kennfeld.native import Simulator
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.binding import bind
+from kennfeld.preprocessing.recipe import DataSettings
+
+__all__ = ["Calculated", "evaluated", "read_calculated", "read_expression", "uses_clock"]
+
+
+def uses_clock(graph: Graph) -> bool:
+    """Whether the graph reads the time or the step."""
+    return any(node.op == "input" and node.payload in CLOCK for node in graph.nodes)
+
+
+def evaluated(graph: Graph, dataset: Dataset) -> Float:
+    """The node `value` of a graph over all samples of a dataset; NaN where an input is missing."""
+    if graph.states or uses_clock(graph):
+        return _simulated(graph, dataset)
+    columns = {name: dataset[name].values for name in graph.inputs}
+    with np.errstate(all="ignore"):
+        found = evaluate(graph, columns, ParameterSet())["value"]
+    return np.array(np.broadcast_to(found, dataset.samples))
+
+
+def _simulated(graph: Graph, dataset: Dataset) -> Float:
+    """With memory: states start anew at each piece and after each gap."""
+    bound = bind(dataset, graph, {})
+    lowered = lower(graph, ParameterSet())
+    simulator = Simulator(lowered, [lowered.graph.names["value"]], ParameterSet())
+    result = np.full(dataset.samples, np.nan)
+    result[bound.kept] = simulator.over(bound.columns, bound.count, ParameterSet(), bound.starts.tolist())[0]
+    return result
+
+
+@dataclass(frozen=True)
+class Calculated:
+    """The graphs of the calculated channels, each after those it needs; those that are wrong are left out."""
+
+    graphs: Mapping[str, Graph]
+    broken: frozenset[str] = frozenset()
+
+    def needed(self, names: Iterable[str]) -> list[str]:
+        """The calculated channels that these channels need, themselves included, in the order of calculation."""
+        wanted: set[str] = set()
+        stack = list(names)
+        while stack:
+            name = stack.pop()
+            if name in self.graphs and name not in wanted:
+                wanted.add(name)
+                stack.extend(self.graphs[name].inputs)
+        return [name for name in self.graphs if name in wanted]
+
+    def recorded(self, names: Iterable[str]) -> list[str]:
+        """The recorded channels that these channels need."""
+        given = list(names)
+        inputs = [source for name in self.needed(given) for source in self.graphs[name].inputs]
+        return [n for n in dict.fromkeys([*given, *inputs]) if n not in self.graphs and n not in self.broken]
+
+    def added(self, dataset: Dataset, names: Iterable[str], shift: Mapping[str, float]) -> Dataset:
+        """The dataset with the calculated channels that `names` need and whose sources are there."""
+        from kennfeld.preprocessing.time_shift import shifted
+
+        for name in self.needed(names):
+            graph = self.graphs[name]
+            if all(source in dataset for source in graph.inputs):
+                dataset = dataset.with_channels(Channel(name, evaluated(graph, dataset)))
+                dataset = shifted(dataset, {n: s for n, s in shift.items() if n == name})
+        return dataset
+
+
+def read_calculated(file: DataSettings, findings: list[Finding]) -> Calculated:
+    """The calculated channels of a project."""
+    graphs = {}
+    for name, text in file.calculated.items():
+        graph = read_expression(text, file.place(f"[calculated] {name}"), findings)
+        if graph is not None:
+            graphs[name] = graph
+    ordered = {name: graphs[name] for name in _order(graphs, file, findings)}
+    return Calculated(MappingProxyType(ordered), frozenset(file.calculated.keys() - ordered.keys()))
+
+
+def _order(graphs: Mapping[str, Graph], file: DataSettings, findings: list[Finding]) -> list[str]:
+    """The channels, each after those it needs; those in a loop are reported and left out."""
+    left = dict(graphs)
+    while True:
+        needs = {name: [source for source in graph.inputs if source in left] for name, graph in left.items()}
+        try:
+            return list(TopologicalSorter(needs).static_order())
+        except CycleError as error:
+            loop = error.args[1][::-1]
+            what = f"the channel needs itself: {' -> '.join(loop)}"
+            findings.append(Finding(file.place(f"[calculated] {loop[0]}"), what, "Give it another name."))
+            for name in loop:
+                left.pop(name, None)
+
+
+def read_expression(text: str, place: str, findings: list[Finding]) -> Graph | None:
+    """The graph of a formula over channels; None, and findings, where it is wrong."""
+    try:
+        return expression(text, place)
+    except InputError as error:
+        findings += error.findings
+        return None

@@ -1,0 +1,116 @@
+"""Data as callers of the Python API pass them: datasets, or columns by name.
+
+A column called like time becomes the time of the samples, by the rules of the readers of files.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import ArrayLike, Float
+from kennfeld.dataset import Dataset
+from kennfeld.errors import ArgumentError, InputError, warn
+from kennfeld.graph import Graph
+from kennfeld.measurement.table import Column, Table
+from kennfeld.measurement.time_column import clock_of, find_time, seconds
+from kennfeld.measurement.unit_text import split_name, time_unit
+from kennfeld.preprocessing.model_step import is_timed
+
+__all__ = ["Data", "dataset_of"]
+
+Data = Dataset | Mapping[str, ArrayLike]
+
+_INDEX = "the index"
+
+
+def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> Dataset:
+    """Return data as a dataset, with the time that a column holds.
+
+    Columns stay channels too, so that a function may have an input called `time`. A dataset says itself whether it has
+    time; only for a function that needs time a channel of it is taken for that.
+
+    Args:
+        given: a dataset, or columns by name: a dict of arrays, a pandas DataFrame.
+        name: what messages call it if it is not a dataset.
+        graph: the function that runs over the data.
+        asked: the channels that the function reads or is compared with; `t` and columns of dates are not time if they
+            are among these.
+
+    Warns:
+        InputWarning: a column that is asked for holds infinite values, which count as missing.
+
+    Raises:
+        InputError: a column does not hold numbers, or time does not increase and the function needs it.
+    """
+    if isinstance(given, Dataset):
+        wanted = given.time is None and given.settling is None and is_timed(graph)
+        columns = [_column(c.name, c.values, c.unit) for c in given.channels] if wanted else []
+        return _with_time(given, columns, graph, asked)
+    _check_columns(given)
+    stamps = {str(key): found for key in given if (found := _stamps(given[key], str(key))) is not None}
+    plain = {key: given[key] for key in given if str(key) not in stamps or str(key) in asked}
+    dataset = Dataset.of(name, {key: _in_seconds(stamps, str(key), column) for key, column in plain.items()})
+    warn(one for one in dataset.remarks if one.place in {f"dataset {name}, channel {channel}" for channel in asked})
+    columns = [stamps[c] if c in stamps else _column(c, dataset[c].values) for c in map(str, given)]
+    return _with_time(dataset, [*columns, *_index(given)], graph, asked)
+
+
+def _check_columns(given: object) -> None:
+    """Raise `ArgumentError` for what does not hold columns by name, such as the name of a file."""
+    if not (isinstance(given, Mapping) or (hasattr(given, "columns") and hasattr(given, "keys"))):
+        what = f"data must be a dataset or columns by name, a dict or a DataFrame, got {type(given).__name__}"
+        raise ArgumentError(f"{what}. kennfeld.read reads a file.")
+
+
+def _with_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Collection[str]) -> Dataset:
+    names = {*asked, *(split_name(one)[0] for one in asked)}
+    rows = np.arange(columns[0].values.size if columns else 0)
+    column = find_time(Table(dataset.name, tuple(columns), rows, names=tuple(c.name for c in columns)), names)
+    if column is None:
+        return dataset
+    time = seconds(column)
+    wrong = np.flatnonzero(~(np.diff(time) > 0))
+    if wrong.size and is_timed(graph):
+        k = int(wrong[0])
+        what = f"{column.place} does not increase at sample {k + 2}: {time[k]:g} s, then {time[k + 1]:g} s"
+        mend = "Sort the rows by time, and pass each recording as a dataset of its own."
+        raise InputError.of(f"dataset {dataset.name}", what, mend)
+    return dataset if wrong.size else replace(dataset, time=time, clock=clock_of(column))
+
+
+def _column(name: str, values: Float, unit: str = "") -> Column:
+    plain, stated = split_name(name)
+    return Column(plain, unit or stated, name, values)
+
+
+def _stamps(given: Any, name: str) -> Column | None:
+    """The column of dates or time differences, in seconds from the first; None if it holds anything else."""
+    kind = getattr(getattr(given, "dtype", None), "kind", "")
+    if kind not in ("M", "m"):
+        return None
+    unit = "M8[ns]" if kind == "M" else "m8[ns]"
+    stamps = np.asarray(given, dtype=unit)
+    known = stamps[~np.isnat(stamps)]
+    values = (stamps - (known[0] if known.size and kind == "M" else np.zeros((), unit))) / np.timedelta64(1, "s")
+    return Column(name, "s", name, values, dated=kind == "M")
+
+
+def _in_seconds(stamps: Mapping[str, Column], name: str, given: Any) -> Any:
+    """The seconds of a column of dates that is called like time; other columns stay as they are."""
+    return stamps[name].values if name in stamps and time_unit(name, "") is not None else given
+
+
+def _index(given: Any) -> list[Column]:
+    """The index of a DataFrame, if it holds dates, or is called like time."""
+    index = getattr(given, "index", None)
+    if index is None or not hasattr(given, "columns"):
+        return []
+    label = "" if index.name is None else str(index.name)
+    dates = _stamps(index, "time")
+    if dates is not None:
+        return [replace(dates, place=_INDEX)]
+    if time_unit(label, "") is None:
+        return []
+    return [replace(_column(label, np.asarray(index, dtype=np.float64)), place=f"{_INDEX} {label}")]

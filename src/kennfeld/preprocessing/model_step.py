@@ -1,0 +1,112 @@
+"""Data put onto a model's own step, which is where a model with memory means anything."""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import Finding, InputError
+from kennfeld.graph import Graph
+from kennfeld.measurement.time_column import unit_remedy
+from kennfeld.preprocessing.calculated import uses_clock
+from kennfeld.preprocessing.time_shift import interpolated
+
+__all__ = ["clock_findings", "is_timed", "recorded_samples", "refined"]
+
+
+def is_timed(graph: Graph) -> bool:
+    """Return whether the step matters to a function: it has memory, or reads the time or the step."""
+    return bool(graph.states) or uses_clock(graph)
+
+
+def clock_findings(dataset: Dataset, place: str) -> Iterator[Finding]:
+    """Warn of time stamps that look like milliseconds and were taken for seconds."""
+    if dataset.clock is not None and dataset.clock.in_milliseconds:
+        name = dataset.clock.name
+        what = f"the time stamps look like milliseconds: {name} has no unit and is taken as s, and its steps are long"
+        yield Finding(place, what, unit_remedy(name), severity="warning")
+
+
+def raster_in_python(step: float) -> str:
+    """Return how the Python API puts data onto an even raster of `step` seconds."""
+    return f"Resample the data to an even step of {step:g} s; kennfeld.read does so with raster={step:g}."
+
+
+def refined(
+    dataset: Dataset,
+    step: float,
+    inputs: Collection[str],
+    place: str,
+    remedy: Callable[[float], str] = raster_in_python,
+) -> Dataset:
+    """Return the dataset on a model's own step.
+
+    Inputs are interpolated; all other channels and the scoring stay at the samples of the data.
+
+    Args:
+        dataset: returned as it is if it has no time stamps or has the model's step.
+        step: the model's step in s.
+        inputs: the channels that the model reads.
+        place: what an error message calls the dataset.
+        remedy: tells how to put data onto an even raster of a step in s.
+
+    Raises:
+        InputError: the step of the data is uneven, or not a whole multiple of the model's.
+    """
+    if dataset.time is None or dataset.samples < 2:
+        return dataset
+    steps = np.diff(dataset.time)
+    steps = np.delete(steps, dataset.starts[1:] - 1)
+    if not steps.size:
+        return dataset
+    own = float(np.median(steps))
+    count = round(own / step)
+    if np.any(np.abs(steps - own) > 1e-3 * own):
+        what = f"the model's step is {step:g} s, but the samples are {steps.min():g} to {steps.max():g} s apart"
+        raise InputError.of(place, what, remedy(max(count, 1) * step))
+    if count < 1 or abs(count * step - own) > 1e-6 * own:
+        what = f"the data's step of {own:.6g} s is not a whole multiple of the model's step, {step:g} s"
+        raise InputError.of(place, what, remedy(max(count, 1) * step))
+    return dataset if count == 1 else _refined(dataset, dataset.time, count, inputs)
+
+
+def _refined(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) -> Dataset:
+    lengths = [(piece.stop - piece.start - 1) * count + 1 for piece in dataset.pieces]
+    starts = np.cumsum([0, *lengths[:-1]])
+    places = [
+        start + count * np.arange(piece.stop - piece.start) for start, piece in zip(starts, dataset.pieces, strict=True)
+    ]
+    at = np.concatenate(places)
+    finer = [
+        np.interp(np.arange(length) / count, np.arange(p.stop - p.start), time[p])
+        for length, p in zip(lengths, dataset.pieces, strict=True)
+    ]
+    total = int(sum(lengths))
+    channels = []
+    for channel in dataset.channels:
+        values = np.full(total, np.nan)
+        if channel.name in inputs:
+            parts = zip(dataset.pieces, finer, strict=True)
+            values = np.concatenate([interpolated(time[p], channel.values[p], fine) for p, fine in parts])
+        values[at] = channel.values
+        channels.append(Channel(channel.name, values, channel.unit, channel.description))
+    scored = np.zeros(total, dtype=bool)
+    scored[at] = dataset.counting
+    return replace(dataset, channels=tuple(channels), time=np.concatenate(finer), starts=starts, scored=scored)
+
+
+def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:
+    """Return a simulation on a model's finer step at the samples of the data alone.
+
+    Args:
+        simulated: channels over the model's steps.
+        recorded: which of its samples the data have; Bool[samples].
+    """
+    kept = np.flatnonzero(recorded)
+    starts = np.unique(np.searchsorted(kept, simulated.starts))
+    starts = starts[starts < kept.size] if kept.size else np.zeros(1, dtype=np.int64)
+    channels = tuple(replace(channel, values=channel.values[kept]) for channel in simulated.channels)
+    time = None if simulated.time is None else simulated.time[kept]
+    return replace(simulated, channels=channels, time=time, starts=starts)

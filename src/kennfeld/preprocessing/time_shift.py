@@ -1,0 +1,60 @@
+"""Channels moved in time."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Dataset
+from kennfeld.measurement.resampling import is_stepped
+
+__all__ = ["interpolated", "shifted"]
+
+_NEAR = 1e-6  # of a step; closer than this is the same instant
+
+
+def shifted(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
+    """The dataset with channels moved: value(t) = recorded(t - shift), within each piece; NaN where nothing is known.
+
+    `shift` is in seconds, for steady-state data in whole samples. A channel that is not there is passed over.
+
+    >>> data = shifted(Dataset.of("d", {"u": [1.0, 2.0, 3.0]}), {"u": 1.0})
+    >>> data["u"].values
+    array([nan,  1.,  2.])
+    """
+    moved = []
+    for name, by in shift.items():
+        if name not in dataset or by == 0:
+            continue
+        values = dataset[name].values
+        parts = [_moved(values[piece], _time(dataset, piece), by) for piece in dataset.pieces]
+        moved.append(replace(dataset[name], values=np.concatenate(parts)))
+    return dataset.with_channels(*moved) if moved else dataset
+
+
+def _time(dataset: Dataset, piece: slice) -> Float:
+    return np.arange(piece.stop - piece.start, dtype=np.float64) if dataset.time is None else dataset.time[piece]
+
+
+def _moved(values: Float, time: Float, by: float) -> Float:
+    return interpolated(time, values, time - by)
+
+
+def interpolated(time: Float, values: Float, at: Float) -> Float:
+    """A channel at other times: linear between neighbours, held where it is stepped; NaN beside a gap and outside."""
+    if values.size == 0:
+        return np.full(at.shape, np.nan)
+    after = np.clip(np.searchsorted(time, at), 0, time.size - 1)
+    before = np.maximum(after - 1, 0)
+    near = np.where(np.abs(time[before] - at) < np.abs(time[after] - at), before, after)
+    step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+    exact = np.abs(time[near] - at) <= _NEAR * step
+    inside = (at >= time[0]) & (at <= time[-1])
+    width = np.where(after > before, time[after] - time[before], 1.0)
+    share = (at - time[before]) / width
+    between = values[before] + share * (values[after] - values[before])
+    if is_stepped(values):
+        between = values[before]
+    result: Float = np.where(exact, values[near], np.where(inside, between, np.nan))
+    return result

@@ -1,0 +1,356 @@
+"""Channels of files put into the unit that the function has for them.
+
+What units mean, however they are spelled, and what turns values in one unit into values in another.
+
+The spellings are those of engine measurement, English and German; what is no such word is looked up in pint's registry
+of units, as it is written. Angles are a quantity of their own here, so that revolutions per minute are no frequency.
+"""
+
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from kennfeld.arrays import Float
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import Finding
+from kennfeld.formatting import nearest
+from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
+from kennfeld.preprocessing.recipe import DataSettings
+
+__all__ = ["Conversion", "Units", "check_stated", "compare", "restated", "says_nothing", "times"]
+
+Kinship = Literal["same", "contrary", "unknown"]
+_T = TypeVar("_T", float, Float)  # Python 3.11
+_Unit = tuple[tuple[str, int], ...]  # names as pint knows them, each with its exponent
+
+_NOTHING = frozenset(("", "-", "--", "1", "none", "unitless", "n/a", "bool", "boolean", "flag", "enum", "raw"))
+_WHOLE_WORDS = """
+revolution/minute: rpm 1/min min-1 min^-1 u/min upm rev/min r/min umdr/min ump/min rotations/min
+degree_Celsius: c degc deg_c celsius °c deg.c gradc gradcelsius degcelsius oc
+degree_Fahrenheit: degf deg_f fahrenheit °f
+kelvin: k kelvin degk °k
+degree: deg ° degree degrees grad °kw °ca °crk gradkw degkw degca degcrk deg_crk deg_ca degcrs gradca °kwvot °kwvzot
+newton*meter: nm n.m n*m n-m
+kilonewton*meter: knm
+foot*pound_force: lbft lb-ft lbf-ft lbfft lb.ft ftlb ft-lb ft-lbf ft.lb ft*lb ftlbf
+milligram/stroke: mg/stk mg/hub mg/str mg/stroke mg/inj mg/asphub
+gram/stroke: g/stk g/hub g/str g/stroke
+kilometer/hour: km/h kmh kph kmph
+mile/hour: mph
+percent: % pct percent prozent vol% vol-% %vol
+pound_force_per_square_inch: psi psia
+kilopascal: kpa kpaabs
+bar: bar bara barabs
+millibar: mbar mbara mbarabs
+hectopascal: hpa hpaabs
+"""
+_PART_WORDS = """
+second: s sec secs second seconds sek sekunde sekunden
+millisecond: msec millisecond milliseconds
+microsecond: us µs μs usec
+minute: min minute minutes
+hour: h hr hour hours std
+degree: ° deg degree degrees °kw °ca °crk
+revolution: u rev umdr revolution revolutions
+stroke: stk hub hübe str stroke strokes inj
+degree_Celsius: °c degc
+kelvin: k
+newton: n
+meter: m
+kilometer: km
+watt: w
+kilowatt: kw
+horsepower: hp bhp
+metric_horsepower: ps cv
+joule: j
+kilojoule: kj
+volt: v volt
+ampere: a amp ampere
+ohm: ohm ω
+kiloohm: kohm kω
+engine_cycle: cyc cycle cycles asp
+cylinder: cyl zyl
+pascal: pa
+kilopascal: kpa
+hectopascal: hpa
+bar: bar
+millibar: mbar
+gram: g
+kilogram: kg
+metric_ton: t
+liter: l ltr liter litre
+milliliter: ml
+cubic_centimeter: ccm cc
+hertz: hz
+kilohertz: khz
+mmHg: mmhg
+inHg: inhg
+inch_H2O_39F: inh2o
+percent: % pct
+ppm: ppm
+permille: ‰
+radian: rad
+lambda: λ lambda
+air_fuel_ratio: afr
+"""
+_OWN = ("stroke", "engine_cycle", "cylinder", "lambda", "air_fuel_ratio")  # each a quantity of its own
+_KELVIN = {  # 180 times the size of a degree, and 180 times what its 0 is: whole numbers, so that nothing is rounded
+    "kelvin": (180, 0),
+    "degree_Celsius": (180, 49_167),
+    "degree_Fahrenheit": (100, 45_967),
+}
+_DIFFERENCE = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"}
+_PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−º˚⋅×", "0123456789--°°·*") | {ord("℃"): "°C", ord("℉"): "°F"}
+_FACTOR = re.compile(r"([^\W\d_]+|°[^\W\d_]*|[%‰])(?:\^?([+-]?\d))?")
+_SHARES = frozenset(("percent", "permille", "ppm"))  # the numbers among units; a bit or a count is no share
+_LONGEST = 40  # characters; what is longer is no unit
+
+_Case = tuple[str, str, str, str]  # channel, its unit, the unit it is converted to, and whose that is
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Turns values in one unit into values in another: `factor` times the value, plus `offset`.
+
+    >>> Conversion(1.0, 273.15).of(20.0)
+    293.15
+    """
+
+    factor: float
+    offset: float = 0.0
+
+    def of(self, values: _T) -> _T:
+        """A value or an array of them in the other unit."""
+        return values * self.factor + self.offset if self.offset else values * self.factor
+
+
+def says_nothing(unit: str) -> bool:
+    """Whether a unit is none, as empty texts and dashes are.
+
+    >>> says_nothing("[-]"), says_nothing("%")
+    (True, False)
+    """
+    return plain_unit(unit).casefold() in _NOTHING
+
+
+@cache
+def compare(source: str, target: str) -> Conversion | Kinship:
+    """What turns values in `source` into values in `target`.
+
+    "same" where nothing has to be done, "contrary" where the units are of different quantities, "unknown" where one of
+    them is not known or says nothing.
+
+    >>> compare("1/min", "U/min"), compare("rpm", "Nm"), compare("FSN", "Nm")
+    ('same', 'contrary', 'unknown')
+    >>> compare("kNm", "Nm")
+    Conversion(factor=1000.0, offset=0.0)
+    """
+    if says_nothing(source) or says_nothing(target):
+        return "unknown"
+    one, other = _parsed(source), _parsed(target)
+    if one == other:
+        return "same"
+    if all(len(unit) == 1 and unit[0][0] in _KELVIN and unit[0][1] == 1 for unit in (one, other)):
+        return _temperature(one[0][0], other[0][0])
+    return _converted(one, other)
+
+
+def _temperature(source: str, target: str) -> Conversion:
+    factor, offset = _KELVIN[source]
+    unit, zero = _KELVIN[target]
+    return Conversion(factor / unit, (offset - zero) / unit)
+
+
+def _converted(one: _Unit, other: _Unit) -> Conversion | Kinship:
+    """By the registry, for units that are spelled differently in every way known here."""
+    registry = _registry()
+    if not all(_is_known(registry, name) for name, _ in (*one, *other)):
+        return "unknown"
+    source, target = dict(_in_differences(one)), dict(_in_differences(other))
+    if registry.get_dimensionality(source) != registry.get_dimensionality(target):
+        return "contrary"
+    if not registry.get_dimensionality(source) and not {*source, *target} <= _SHARES:
+        return "unknown"
+    factor = _factor(registry, registry.UnitsContainer(source), registry.UnitsContainer(target))
+    return "unknown" if factor is None else "same" if factor == 1.0 else Conversion(factor)
+
+
+def _factor(registry: Any, source: Any, target: Any) -> float | None:
+    """What one `source` is in `target`; None where it is no mere factor, as for decibels and other temperatures."""
+    try:
+        none, one, two = (float(registry.convert(value, source, target)) for value in (0.0, 1.0, 2.0))
+    except Exception:  # of many kinds, such as the logarithm of 0
+        return None
+    return _plain(one) if none == 0.0 and math.isclose(two, 2 * one, rel_tol=1e-12) else None
+
+
+def _in_differences(unit: _Unit) -> _Unit:
+    """The unit with differences of temperatures, which have no zero of their own, so that factors suffice."""
+    return _collected((_DIFFERENCE.get(name, name), exponent) for name, exponent in unit)
+
+
+def _collected(factors: Iterable[tuple[str, int]]) -> _Unit:
+    """Each name once, those that cancel out left out."""
+    exponents: dict[str, int] = {}
+    for name, exponent in factors:
+        exponents[name] = exponents.get(name, 0) + exponent
+    return tuple(sorted((name, exponent) for name, exponent in exponents.items() if exponent))
+
+
+def _plain(number: float) -> float:
+    """A round number where rounding alone separates it from one: 1000, not 1000.0000000000001."""
+    short = float(f"{number:.12g}")
+    return short if math.isclose(short, number, rel_tol=1e-14) else number
+
+
+def _is_known(registry: Any, name: str) -> bool:
+    try:
+        return bool(registry.parse_unit_name(name, case_sensitive=True))
+    except Exception:  # of many kinds: the name is any text of a file
+        return False
+
+
+@cache
+def _registry() -> Any:
+    """The registry of units, in which angles, strokes and air ratios are quantities of their own."""
+    import pint
+
+    registry: Any = pint.UnitRegistry(None, on_redefinition="ignore")  # empty: a full one knows already that 1 rad is 1
+    registry.load_definitions(Path(pint.__file__).with_name("default_en.txt"))
+    registry.define("radian = [angle] = rad")
+    for name in _OWN:
+        registry.define(f"{name} = [{name}]")
+    return registry
+
+
+def _words(text: str) -> dict[str, str]:
+    lines = (line.partition(":") for line in text.strip().splitlines())
+    return {word: meaning for meaning, _, words in lines for word in words.split()}
+
+
+def _unit(meaning: str) -> _Unit:
+    """A meaning of the table: factors, and at most one divisor."""
+    factors, _, divisor = meaning.partition("/")
+    below = [(divisor, -1)] if divisor else []
+    return tuple(sorted([*((name, 1) for name in factors.split("*")), *below]))
+
+
+_WHOLE = {word: _unit(meaning) for word, meaning in _words(_WHOLE_WORDS).items()}
+_PARTS = _words(_PART_WORDS)
+
+
+@cache
+def _parsed(text: str) -> _Unit:
+    """The unit as names with exponents; a text that is no unit as a name of its own."""
+    plain = plain_unit(text).translate(_PLAIN)
+    folded = re.sub(r"[\s]", "", plain.casefold())
+    found = None if len(plain) > _LONGEST else _WHOLE.get(folded) or _product(plain)
+    return ((text, 1),) if found is None else found
+
+
+def _product(text: str) -> _Unit | None:
+    """Factors between `*`, `.` and blanks, and divisors behind `/`, which may stand in brackets; None if it is none."""
+    factors: list[tuple[str, int]] = []
+    sign, inside = 1, False
+    for part in re.findall(r"[/()]|[^/()*·.\s]+", text):
+        if part == "/":
+            sign = -1
+        elif part == "(":
+            inside = True
+        elif part == ")":
+            sign, inside = 1, False
+        elif part != "1":
+            factor = _FACTOR.fullmatch(part)
+            if factor is None:
+                return None
+            power = sign * int(factor[2] or 1)
+            factors += [(name, power * exponent) for name, exponent in _named(factor[1])]
+            sign = sign if inside else 1
+    unit = _collected(factors)
+    return (unit if len(unit) == 1 and unit[0][1] == 1 else _in_differences(unit)) or None
+
+
+def _named(word: str) -> _Unit:
+    """What a word stands for: a unit, or a product such as Nm."""
+    folded = word.casefold()
+    if folded in ("nm", "knm"):
+        return (("newton" if folded == "nm" else "kilonewton", 1), ("meter", 1))
+    return ((_PARTS.get(folded, word), 1),)
+
+
+@dataclass
+class Units:
+    """Converts the channels of files, and keeps what was converted.
+
+    `stated` are the units that the project file states, `wanted` the unit of each channel that the function has one
+    for, with whose it is: the input Speed. What the function has no unit for follows the first file that has one.
+    """
+
+    stated: Mapping[str, str]
+    wanted: Mapping[str, tuple[str, str]]
+    first: dict[str, tuple[str, str]] = field(default_factory=dict)
+    cases: dict[_Case, dict[str, None]] = field(default_factory=dict)
+
+    def converted(self, part: Dataset, name: str) -> Dataset:
+        """The recording with its channels converted; `name` is its file's."""
+        changed = [self._channel(channel, name) for channel in restated(part, self.stated).channels]
+        return replace(part, channels=tuple(changed))
+
+    def _channel(self, channel: Channel, file: str) -> Channel:
+        if says_nothing(channel.unit):
+            return channel
+        unit, whose = self.wanted.get(channel.name) or self.first.setdefault(channel.name, (channel.unit, file))
+        found = compare(channel.unit, unit)
+        if not isinstance(found, Conversion):
+            return channel
+        self.cases.setdefault((channel.name, channel.unit, unit, whose), {})[file] = None
+        return replace(channel, values=found.of(channel.values), unit=unit)
+
+    def remarks(self, formulas: Collection[str]) -> Iterator[Finding]:
+        """What was converted, each case once; `formulas` are the channels that formulas of the project read."""
+        for (channel, unit, to, whose), files in self.cases.items():
+            names = list(files)
+            place = names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+            what = f"channel {channel} is in {unit} and is converted to {to}, the unit of {whose}"
+            if channel in formulas:
+                what += f"; formulas over {channel} see {to}"
+            yield Finding(place, what, severity="remark")
+
+
+def restated(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
+    """The dataset with the units that the project file states; values stay."""
+    changed = (replace(c, unit=units[c.name]) for c in dataset.channels if c.name in units)
+    return dataset.with_channels(*changed)
+
+
+def times(stated: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the stated units that are units of time, which a column of time may be in.
+
+    >>> times({"Time": "ms", "n": "rpm"})
+    {'Time': 'ms'}
+    """
+    return {name: unit for name, unit in stated.items() if in_seconds(unit) is not None}
+
+
+def check_stated(
+    file: DataSettings, used: Collection[str], clocks: Collection[str], *, complete: bool
+) -> Iterator[Finding]:
+    """Units stated for channels that nothing uses, and units of time columns that are none.
+
+    `clocks` are the columns that time was read from; all of them are known only if all data are `complete`.
+    """
+    for name, unit in file.units.items():
+        if name in clocks:
+            if in_seconds(unit) is None and name not in used:
+                what = f"{unit} is not a unit of time, and {name} is the time"
+                yield Finding(file.place(f"[units] {name}"), what, "Write s, ms, us, ns, min or h.")
+            continue
+        if not complete and time_unit(name, unit) is not None:
+            continue
+        if name not in used:
+            mend = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
+            yield Finding(file.place(f"[units] {name}"), f"nothing uses a channel {name}", mend)

@@ -1,0 +1,172 @@
+"""States of a search in the results folder, from which it can go on after a power cut.
+
+Each is a calibration file of its own, `saves/START-ITERATION.json` or `saves/START-end.json`, which every command can
+read; a text in it says where the search was.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kennfeld.atomic_files import write_whole
+from kennfeld.calfiles import read
+from kennfeld.calfiles.json_file import write_json
+from kennfeld.errors import Finding, InputError
+from kennfeld.optimize import Saved, StartResult
+from kennfeld.optimize.search.start_runner import holding
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Text
+
+__all__ = ["Found", "Saves"]
+
+FOLDER, ASIDE, NOTE = "saves", "before", "kennfeld_save"
+_NAME = re.compile(r"\d+-(\d+|end)\.json")
+
+
+@dataclass(frozen=True)
+class Found:
+    """The state to go on from for each start, and what is odd about the files."""
+
+    states: Mapping[int, Saved] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+
+class Saves:
+    """The saved states of one project in one results folder."""
+
+    def __init__(self, results: Path, project: Path) -> None:
+        self.folder, self.project = results / FOLDER, project
+        self.mark = hashlib.sha256(project.read_bytes()).hexdigest()
+        self.missed: Finding | None = None  # the first state that could not be written
+        self._fresh = False
+
+    def found(self) -> Found:
+        """The best state of the last step that each start has reached.
+
+        Raises `InputError` where there is none. Files that cannot be read, as a power cut may leave them, are named and
+        left out.
+        """
+        saved, findings, marks = [], [], set()
+        for path in sorted(self.folder.glob("*.json")) if self.folder.is_dir() else ():
+            if not _NAME.fullmatch(path.name):
+                continue
+            try:
+                state, mark = _read(path)
+            except (InputError, KeyError, TypeError, ValueError, StopIteration):
+                what = "is no complete saved state and is left out"
+                findings.append(Finding(f"{FOLDER}/{path.name}", what, severity="warning"))
+                continue
+            saved.append(state)
+            marks.add(mark)
+        if not saved:
+            mend = "Set save_every in [optimizer] and run without --resume first."
+            raise InputError([*findings, Finding(str(self.folder), "holds no saved state to resume from", mend)])
+        if marks != {self.mark}:
+            what = "has changed since the states were saved; the search goes on from the saved values"
+            findings.append(Finding(self.project.name, what, severity="warning"))
+        return Found(_latest(saved), tuple(findings))
+
+    def begin(self) -> None:
+        """With the first state that is kept, put those of the run before aside, for whoever forgot to resume it."""
+        self._fresh = True
+
+    def _put_aside(self) -> None:
+        aside = self.folder / ASIDE
+        old = [path for path in self.folder.glob("*.json") if _NAME.fullmatch(path.name)]
+        for path in self.folder.glob(".*.json.*"):  # half written by a process that was killed
+            path.unlink(missing_ok=True)
+        if old:
+            for path in aside.glob("*.json") if aside.is_dir() else ():
+                path.unlink(missing_ok=True)
+            aside.mkdir(exist_ok=True)
+        for path in old:
+            path.replace(aside / path.name)
+        self._fresh = False
+
+    def keep(self, saved: Saved, parameters: ParameterSet) -> None:
+        """Write what may change of a state, whole or not at all, down to the disk. `parameters` are the project's.
+
+        A state that cannot be written does not end the search; `missed` says so.
+        """
+        held = holding(parameters, saved.values)
+        values = [held[name] for name in saved.values if name in held]
+        note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark}))
+        content = ParameterSet(values, texts=[note])
+        last = "end" if saved.ended else f"{saved.iteration:06d}"
+        target = self.folder / f"{saved.start}-{last}.json"
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if self._fresh:
+                self._put_aside()
+            write_whole(target, write_json(content, target.name), durable=True)
+            if not saved.ended:
+                self._go_on(saved.start)
+        except OSError as error:
+            what = f"states could not be saved: {error.strerror or error}"
+            self.missed = self.missed or Finding(str(self.folder), what, severity="warning")
+
+    def _go_on(self, start: int) -> None:
+        """What was the end of a start before is one of its states now."""
+        end = self.folder / f"{start}-end.json"
+        if end.exists():
+            with suppress(InputError, KeyError, TypeError, ValueError, StopIteration):
+                end.replace(self.folder / f"{start}-{_read(end)[0].iteration:06d}.json")
+
+
+def _note(saved: Saved) -> dict[str, Any]:
+    plain = {name: getattr(saved, name) for name in ("start", "step", "iteration", "stage")}
+    ended = None if saved.ended is None else {name: _number(value) for name, value in asdict(saved.ended).items()}
+    tables = [name for name in saved.values if not name.startswith("axis ")]
+    axes = {name: found.tolist() for name, found in saved.values.items() if name not in tables}
+    return plain | {"cost": _number(saved.cost), "free": tables, "axes": axes, "ended": ended}
+
+
+def _number(value: Any) -> Any:
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _read(path: Path) -> tuple[Saved, str]:
+    """A state, and the mark of the project file that it was saved with."""
+    content = read(path)
+    note = json.loads(next(text.text for text in content.texts if text.name == NOTE))
+    row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
+    state = Saved(
+        start=note["start"],
+        step=note["step"],
+        iteration=note["iteration"],
+        stage=note["stage"],
+        cost=inf if note["cost"] is None else note["cost"],
+        values={name: content[name].values for name in note["free"]}
+        | {name: np.array(points, dtype=np.float64) for name, points in note.get("axes", {}).items()},
+        ended=None if row is None else _row(row),
+        name=f"{FOLDER}/{path.name}",
+    )
+    return state, note["project"]
+
+
+def _row(row: Mapping[str, Any]) -> StartResult:
+    given: dict[str, Any] = {name: inf if value is None else value for name, value in row.items()}
+    return StartResult(**given)
+
+
+def _latest(saved: list[Saved]) -> dict[int, Saved]:
+    """For each start its end, or the best of the last step reached; iterations are counted on from the last one."""
+    found: dict[int, Saved] = {}
+    for start in sorted({state.start for state in saved}):
+        mine = [state for state in saved if state.start == start]
+        last = max(state.iteration for state in mine)
+        step = max(state.step for state in mine)
+        best = min(
+            (state for state in mine if state.step == step),
+            key=lambda state: (state.ended is None, state.cost, -state.iteration),
+        )
+        found[start] = replace(best, iteration=last)
+    return found

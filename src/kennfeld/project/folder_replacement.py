@@ -1,0 +1,171 @@
+"""Files of a folder that are replaced together: all of them or none, even if the process is killed or the power fails.
+
+New files are written into a hidden folder within the folder, `.kennfeld-TOKEN`, and renamed into place at the end. A
+process that is killed before the first rename leaves the folder as it was. One that is killed later leaves a list of
+its files, and whoever uses the folder next renames the rest. A lock file tells the hidden folder of a process at work
+from one of a process that is gone.
+"""
+
+import json
+import os
+import re
+import secrets
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+__all__ = ["LOCK", "finish_interrupted", "move", "scratch_folder"]
+
+PREFIX = ".kennfeld-"
+LOCK, NAMES, BEFORE = "lock", "names", "before"
+_SCRATCH = re.compile(re.escape(PREFIX) + r"[0-9a-f]+")
+
+
+@contextmanager
+def scratch_folder(folder: Path) -> Iterator[Path]:
+    """Yield a new hidden folder within `folder`, which is made if needed; it is removed at the end in any case.
+
+    What processes that are gone have left is finished or removed first. Raises `OSError`.
+    """
+    finish_interrupted(folder)
+    scratch, lock = _new_scratch(folder)
+    try:
+        yield scratch
+    finally:
+        lock.close()
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _new_scratch(folder: Path) -> tuple[Path, BinaryIO]:
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = folder / f"{PREFIX}{secrets.token_hex(8)}"
+        try:
+            scratch.mkdir()
+        except FileNotFoundError:  # another process made the folder, and removed it empty just now
+            continue
+        lock = _locked(scratch)
+        if lock is not None:
+            return scratch, lock
+
+
+def _locked(scratch: Path) -> BinaryIO | None:
+    """Return the open lock file of a scratch folder, or None if another process holds it or has removed the folder."""
+    try:
+        file = (scratch / LOCK).open("ab")
+    except OSError:
+        return None
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if (scratch / LOCK).exists():
+            return file
+    except OSError:
+        pass
+    file.close()
+    return None
+
+
+def finish_interrupted(folder: Path) -> None:
+    """Rename what a killed process had begun to rename in `folder`, and remove the scratch folders of such processes.
+
+    A scratch folder that cannot be finished is left alone.
+    """
+    try:
+        found = [path for path in folder.iterdir() if _SCRATCH.fullmatch(path.name) and path.is_dir()]
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    for scratch in found:
+        lock = _locked(scratch)
+        if lock is None:
+            continue
+        with lock, suppress(OSError):
+            for name in _unfinished(scratch):
+                (scratch / name).replace(folder / name)
+            _sync_folder(folder)
+            lock.close()  # Windows removes no open file
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _unfinished(scratch: Path) -> list[str]:
+    """Return the names of the complete new files that have not been renamed yet, in order."""
+    try:
+        names = json.loads((scratch / NAMES).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return [name for name in names if (scratch / name).is_file()]
+
+
+def move(names: Sequence[str], scratch: Path, folder: Path) -> None:
+    """Rename finished files from `scratch` into `folder`, in order. If one cannot be replaced, the others are put back.
+
+    Everything is on the disk before the first file of the folder is replaced. Raises `OSError`.
+    """
+    for name in names:
+        _sync(scratch / name)
+    (scratch / BEFORE).mkdir()
+    for name in names:
+        if (folder / name).exists():
+            _duplicate(folder / name, scratch / BEFORE / name)
+    _list_names(names, scratch)
+    _sync_folder(folder)
+    moved: list[str] = []
+    try:
+        for name in names:
+            moved.append(name)
+            (scratch / name).replace(folder / name)
+    except BaseException:
+        (scratch / NAMES).unlink(missing_ok=True)
+        for name in moved:
+            _restore(scratch / BEFORE / name, folder / name)
+        raise
+    _sync_folder(folder)
+
+
+def _list_names(names: Sequence[str], scratch: Path) -> None:
+    """State that the files are complete; from here on, whoever finds them renames them. Half a list is no JSON."""
+    (scratch / NAMES).write_text(json.dumps(list(names)), encoding="utf-8")
+    _sync(scratch / NAMES)
+    _sync_folder(scratch)
+
+
+def _duplicate(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target)
+    except OSError:  # not every file system has hard links
+        shutil.copy2(source, target)
+
+
+def _restore(before: Path, path: Path) -> None:
+    with suppress(OSError):
+        if before.exists():
+            before.replace(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Write a file through to the disk, which is where some file systems first notice that there is no room."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Write a folder's names through to the disk, on systems that can."""
+    if sys.platform == "win32":
+        return
+    with suppress(OSError):
+        entry = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(entry)
+        finally:
+            os.close(entry)

@@ -1,0 +1,371 @@
+"""Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kennfeld.constraints import Limit
+from kennfeld.criteria import Criterion
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.models import started
+from kennfeld.optimize import Problem, Step
+from kennfeld.optimize.api import resolved
+from kennfeld.optimize.limit_nodes import channels_of
+from kennfeld.optimize.projection import infeasible
+from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.calculated import Calculated, read_calculated, uses_clock
+from kennfeld.preprocessing.model_step import is_timed
+from kennfeld.preprocessing.pipeline import Loaded, Wanted, load
+from kennfeld.preprocessing.units import says_nothing
+from kennfeld.project.axes import Axes, check_free_axes
+from kennfeld.project.checks import method_findings, sample_findings, settling_findings, weight_channels
+from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
+from kennfeld.project.initial_calibration import read_initial
+from kennfeld.project.model import Function, axes_finding, is_drawn, read_function, read_surrogates, undefined
+from kennfeld.project.parameter_tables import Tables, build_tables
+from kennfeld.project.schema import ProjectFile
+from kennfeld.project.steps import build_steps, untouched
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate import Surrogate
+
+__all__ = ["Assembly", "assemble"]
+
+_REMARKS = 6  # of a model's import
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """What came of a project file: the problem, None where an error stands in `findings`."""
+
+    findings: tuple[Finding, ...]
+    problem: Problem | None
+    seconds: float
+    places: dict[str, str]  # of the datasets, by name
+    steps: tuple[Step, ...] = ()
+
+
+def assemble(file: ProjectFile) -> Assembly:
+    """Read everything that a project file names."""
+    began = time.perf_counter()
+    work = _Assembling(file)
+    problem, steps = None, tuple[Step, ...]()
+    try:
+        problem = work.problem()
+        if problem is not None:
+            steps = build_steps(file, problem, work.findings)
+    except InputError as error:
+        work.findings += error.findings
+    except ArgumentError as error:
+        work.findings.append(Finding(file.path.name, str(error)))
+    findings, places = tuple(dict.fromkeys(work.findings)), dict(work.loaded.places)
+    sound = problem if not work.failed else None
+    return Assembly(findings, sound, time.perf_counter() - began, places, steps)
+
+
+class _Assembling:
+    """The parts of a project on their way to a problem."""
+
+    def __init__(self, file: ProjectFile) -> None:
+        self.file = file
+        self.findings: list[Finding] = []
+        self.loaded = Loaded()
+        self.function: Function | None = None
+        self.surrogates: tuple[Surrogate, ...] = ()
+
+    def problem(self) -> Problem | None:
+        """The problem, or None where a finding is an error."""
+        file, findings = self.file, self.findings
+        calculated = read_calculated(file, findings)
+        self.surrogates = read_surrogates(file, findings)
+        initial = self._with_surrogates(read_initial(file, findings))
+        known = [*(initial or ()), *file.parameters]
+        self.function = self._function(known, initial)
+        if initial is not None and self.function is not None and self.function.model.values:
+            initial = started(self.function.model.values, initial).from_origin(initial.origin)
+        self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
+        whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
+        axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
+        # without all that gives values, what a section overrides is not known, and much would seem wrong that is not
+        unknown = initial is None or (self.function is None and is_drawn(file))
+        tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
+        criteria = build_criteria(file, self.function, self.loaded, findings)
+        self._check_group_axes()
+        self._check_datasets()
+        self._check_shifts()
+        if tables is not None and self.function is not None:
+            self._check_tables(tables, self.function)
+        constraints = Constraints()
+        if tables is not None:
+            constraints = build_constraints(file, tables, self.function, findings)
+        if self.failed or tables is None or self.function is None:
+            return None
+        problem = self._problem(self.function, tables, criteria, constraints)
+        self.findings += check_free_axes(self.file, problem)
+        self.findings += delay_findings(problem.model, problem.free_size)
+        self.findings += matrix_findings(f"{file.path.name} [calibration] free", problem.free_size)
+        self._check_samples(problem)
+        self._check_limits(problem)
+        findings += method_findings(file, problem)
+        findings += sample_findings(file, problem, self.loaded)
+        return None if self.failed else self._feasible(self._locked(problem, tables))
+
+    def _with_surrogates(self, initial: ParameterSet | None) -> ParameterSet | None:
+        """The initial parameters with the expansions of the surrogates, which no calibration changes."""
+        for surrogate in self.surrogates:
+            if surrogate.name in self.file.parameters or surrogate.name in (initial or ()):
+                what = f"{surrogate.name} is a parameter too"
+                self._report(f"[surrogates] {surrogate.name}", what, "Give the surrogate another name.")
+        if initial is None or not self.surrogates:
+            return initial
+        from kennfeld.surrogate import expansions
+
+        return expansions(self.surrogates).merged(initial).from_origin(initial.origin)
+
+    def _feasible(self, problem: Problem) -> Problem | None:
+        """The problem, None where its limits contradict each other."""
+        found = infeasible(problem)
+        self.findings += [
+            replace(one, place=self.file.path.name) if one.place == "constraints" else one for one in found
+        ]
+        return None if found else problem
+
+    def _problem(
+        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
+    ) -> Problem:
+        return Problem(
+            model=resolved(function.model, tables.parameters),
+            datasets=tuple(self.loaded.datasets),
+            parameters=tables.parameters,
+            criteria=criteria,
+            free=tables.patterns,
+            smoothness=tables.smoothness,
+            pins=constraints.pins,
+            channels=dict(self.file.channels),
+            constraints=constraints.linear,
+            limits=constraints.limits,
+            unknown_shifts=dict(self.loaded.unknown_shifts),
+        )
+
+    @property
+    def failed(self) -> bool:
+        """Whether a finding is an error."""
+        return any(finding.severity == "error" for finding in self.findings)
+
+    def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
+        severity = "warning" if warning else "error"
+        self.findings.append(Finding(self.file.place(part), what, mend, severity=severity))  # type: ignore[arg-type]
+
+    def _function(self, known: list[str], initial: ParameterSet | None) -> Function | None:
+        """The function; what it looks up and nobody defines is found only when all initial files could be read."""
+        if len(self.surrogates) < len(self.file.surrogates):
+            return None  # what calls a missing one would seem wrong
+        function = read_function(self.file, known, self.surrogates, self.findings, initial)
+        if function is None:
+            return None
+        for surrogate in self.surrogates:
+            if surrogate.name not in function.graph.parameters:
+                self._report(f"[surrogates] {surrogate.name}", "the function does not call it", warning=True)
+        known = [*known, *function.model.values]
+        lacking = undefined(function, known) if initial is not None else []
+        self.findings += lacking
+        for name in self.file.parameters:
+            if name not in function.graph.parameters:
+                self._unused(name, function, known)
+        self._tell(function.model.remarks)
+        inputs = function.graph.inputs
+        for name in self.file.channels:
+            if name not in inputs:
+                mend = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
+                self._report(f"[channels] {name}", f"{name} is no input of the function", mend)
+        return function
+
+    def _unused(self, name: str, function: Function, known: list[str]) -> None:
+        """A section of a parameter that the function does not look up."""
+        place, given = f"[parameters.{name}]", self.file.parameters[name]
+        if not is_drawn(self.file):
+            mend = nearest(name, [n for n in function.graph.parameters if n not in known])
+            self._report(place, f"the function does not use {name}", mend, warning=True)
+        elif ":" in name and given.initial is not None:
+            what = "the block needs this field as a fixed number: it has the value given here, and is not fitted"
+            self.findings.append(Finding(self.file.place(place), what, severity="remark"))
+        elif given.initial is not None or given.axes:  # without them, that it has no value says the same
+            mend = nearest(name, function.graph.parameters)
+            self._report(place, f"the function does not use {name}", mend, warning=True)
+
+    def _tell(self, remarks: Sequence[str]) -> None:
+        """What the import of the model did otherwise than the model says, the first of it."""
+        more = [f"and {len(remarks) - _REMARKS} more; see kennfeld info"] if len(remarks) > _REMARKS else []
+        place = self.file.place("[model] file")
+        self.findings += [Finding(place, one, severity="remark") for one in (*remarks[:_REMARKS], *more)]
+
+    def _wanted(self, calculated: Calculated, *, known_all: bool) -> Wanted:
+        """The channels to read. Without all parameters an input may be a scalar, so that it may be missing."""
+        file, function = self.file, self.function
+        inputs = function.graph.inputs if function else ()
+        needed = {file.channels.get(name, name): f"the input {name} of the function" for name in reversed(inputs)}
+        axes = [*file.axes.values(), *(axis for entry in file.parameters.values() for axis in entry.axes.values())]
+        nodes = {*inputs, *(function.graph.names if function else ())}
+        quantiles = {a.input: f"the input of {a.place}" for a in axes if a.quantiles and a.input and function}
+        targets = {
+            entry.target.name: f"the target of {entry.place}"
+            for entry in file.criteria
+            if entry.target.kind in ("channel", "name")
+        }
+        if function is not None:
+            limits = [Limit(entry.node, entry.lower, entry.upper, entry.where) for entry in file.limits]
+            targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
+        regions = weight_channels(file)
+        optional = {**regions, **targets}
+        optional |= {name: why for name, why in quantiles.items() if name not in nodes}
+        self._check_calculated(calculated, [*needed, *optional])
+        if not known_all:
+            optional, needed = {**needed, **optional}, {}
+        complete = function is not None
+        return Wanted(needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step(), complete)
+
+    def _units(self) -> dict[str, tuple[str, str]]:
+        """The units that the function has for channels, those of its inputs before those of nodes with a target."""
+        file, graph = self.file, self.function.graph if self.function else None
+        if graph is None:
+            return {}
+        inputs = [(file.channels.get(name, name), name, "input") for name in graph.inputs]
+        nodes = [(e.target.name, e.node, "node") for e in file.criteria if e.target.kind in ("channel", "name")]
+        found: dict[str, tuple[str, str]] = {}
+        for channel, name, kind in [*inputs, *nodes]:
+            if not says_nothing(unit := graph.units.get(name, "")):
+                found.setdefault(channel, (unit, f"the {kind} {name}"))
+        return found
+
+    def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
+        """Warn of calculated channels that nothing uses; conditions may use any."""
+        conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
+        conditions += " ".join(["", *(one.channel for entry in self.file.datasets for one in entry.steady)])
+        if self.function is None:
+            return
+        used = {*calculated.needed(names), *calculated.broken}
+        for name in calculated.graphs:
+            if (
+                name not in used
+                and name not in conditions
+                and not any(name in graph.inputs for graph in calculated.graphs.values())
+            ):
+                self._report(f"[calculated] {name}", "nothing uses this channel", warning=True)
+
+    def _step(self) -> float | None:
+        """The model's own step, where it matters."""
+        if self.function is None or not is_timed(self.function.graph):
+            return None
+        return self.file.model.step or self.function.model.step
+
+    def _check_datasets(self) -> None:
+        entries = self.file.datasets
+        if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
+            mend = 'Write use = "training" and a weight above 0 in one of them.'
+            self._report("[[dataset]]", "no dataset is used for training", mend)
+        if self.function is None:
+            return
+        self.findings += settling_findings(self.function.graph, self.loaded)
+        places = self.loaded.places
+        self.findings += step_findings(
+            self.function.model, self.loaded.datasets, self._step(), lambda data: places[data.name]
+        )
+        if not uses_clock(self.function.graph):
+            return
+        for data in self.loaded.datasets:
+            if data.time is None and data.settling is None:
+                what = f"the function needs time steps, but dataset {data.name} has no time stamps"
+                mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+                self.findings.append(Finding(self.loaded.places[data.name], what, mend))
+
+    def _check_group_axes(self) -> None:
+        """Group axes that no table names, so that nothing comes of them."""
+        axes = [axis for entry in self.file.parameters.values() for axis in entry.axes.values()]
+        for name in self.file.axes:
+            if not any(axis.group == name for axis in axes):
+                mend = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
+                self._report(f"[axes.{name}]", "no table of this file names the axis", mend, warning=True)
+
+    def _check_shifts(self) -> None:
+        """What stands in the way of finding a shift."""
+        step, sought = self._step(), self.loaded.unknown_shifts
+        training = {n for d in self.loaded.datasets if d.use == "training" for n in sought.get(d.name, ())}
+        for data in self.loaded.datasets:
+            place = f"{self.loaded.places[data.name]} shift"
+            for channel in sought.get(data.name, ()):
+                if channel not in training:
+                    what = f"the shift of {channel} is found on training data, and none asks for it"
+                    self.findings.append(Finding(place, what, 'Write "auto" in a training dataset too, or a number.'))
+            if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
+                own = [entry.raster for entry in self.file.datasets if entry.raster]
+                if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
+                    what = f"a shift cannot be found while the model's step of {step:g} s is finer than the data's"
+                    self.findings.append(Finding(place, what, f"Write raster = {step:g}, or a number."))
+
+    def _check_tables(self, tables: Tables, function: Function) -> None:
+        """What the function and its parameters must agree on."""
+        for name, count in function.graph.parameters.items():
+            if name not in tables.parameters:
+                continue
+            parameter = tables.parameters[name]
+            has = parameter.coordinates
+            if has != count:
+                self.findings.append(axes_finding(function, name, parameter.kind, has))
+            missing = np.argwhere(~np.isfinite(parameter.values))
+            if missing.size:
+                at = ", ".join(str(int(i) + 1) for i in missing[0])
+                what = f"{len(missing)} of {parameter.size} initial values of {name} are not finite"
+                where = f", the first at {at}" if at else ""
+                mend = "Complete the file, or write initial = ... in its section."
+                self._report(f"[parameters.{name}] initial", what + where, mend)
+        if not tables.free and function.graph.parameters:
+            self._report(
+                "[calibration] free",
+                "no parameter that the function uses is free",
+                'Write free = ["*"] in [calibration].',
+            )
+
+    def _check_limits(self, problem: Problem) -> None:
+        """Limits of outputs that cannot be read."""
+        if problem.limits:
+            self.findings += [replace(f, place=self.file.place(f"[[{f.place}]]")) for f in check_limits(problem)]
+
+    def _check_samples(self, problem: Problem) -> None:
+        """Datasets and criteria that no sample reaches."""
+        for bound in problem.training:
+            if not bound.count:
+                place = self.loaded.places[bound.dataset.name]
+                what = f"no sample of dataset {bound.dataset.name} has all inputs: {_emptiest(problem, bound)}"
+                self.findings.append(Finding(place, what, "Check these channels, or max_gap."))
+        if not any(bound.count for bound in problem.training):
+            return
+        for entry, criterion in zip(self.file.criteria, problem.criteria, strict=True):
+            reached = any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training)
+            if not reached:
+                what = f"no training sample reaches the criterion on {entry.node}"
+                mend = "Check its target channel and the conditions of the datasets."
+                self.findings.append(Finding(entry.place, what, mend))
+
+    def _locked(self, problem: Problem, tables: Tables) -> Problem:
+        """The problem with the values locked that no training sample touches, where that is asked for."""
+        names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
+        if not names:
+            return problem
+        changed = [problem.parameters[name].changed(locked=mask) for name, mask in untouched(problem, names).items()]
+        return replace(problem, parameters=problem.parameters.with_parameters(*changed))
+
+
+def _emptiest(problem: Problem, bound: Bound) -> str:
+    """The input channels that miss most, with their share."""
+    shares = {}
+    for name in problem.model.graph.inputs:
+        channel = problem.channels.get(name, name)
+        shares[channel] = float(np.mean(~np.isfinite(bound.dataset[channel].values)))
+    worst = sorted((c for c in shares if shares[c] > 0), key=lambda c: -shares[c])[:3]
+    return ", ".join(f"{name} is missing in {shares[name]:.0%}" for name in worst) or "the data are empty"

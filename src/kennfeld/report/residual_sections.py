@@ -1,0 +1,150 @@
+"""The sections that set calculated against measured: curves over time, and what is left over."""
+
+from collections.abc import Sequence
+
+from kennfeld.analysis import Residuals, WorstSample
+from kennfeld.analysis.evaluation import Series
+from kennfeld.report import figures
+from kennfeld.report.markup import Child, Html, details, element, percent, recorded, shown, table, with_unit
+from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
+from kennfeld.report.report_data import Subject
+
+__all__ = ["fit", "residuals"]
+
+
+def fit(subject: Subject, pictures: Pictures) -> Html:
+    """A strip for each criterion and dataset, and how the errors are spread."""
+    pairs = list(zip(subject.before, subject.after, strict=True))
+    parts = []
+    for i, (before, after) in enumerate(pairs):
+        of = dict(subject.numbered)[after.criterion]
+        data = after.bound.dataset
+        summary = [element("b", data.name), f" {of.criterion} against {of.target}, {_samples(after)}, {data.use}"]
+        parts.append(
+            details(summary, _pictures(before, after, of, len(pairs), pictures), open_=i < OPEN_PARTS, class_="part")
+        )
+    return element("div", parts or note("No sample is scored."))
+
+
+def _samples(series: Series) -> str:
+    scored, kept = int(series.scored.sum()), series.bound.count
+    dropped = series.bound.dataset.samples - kept
+    said = f"{scored} sample{'s' * (scored != 1)}" + (f" scored of {kept}" if kept != scored else "")
+    return said + (f", {dropped} left out for lack of an input" if dropped else "")
+
+
+def _pictures(before: Series, after: Series, of: Residuals, count: int, pictures: Pictures) -> list[Html | None]:
+    name = after.bound.dataset.name
+    strip = figures.strip(before, after, count)
+    drawn = "" if strip["whole"] else f" {after.model.size} samples are drawn as an envelope of least and greatest."
+    zoom = "Drag to zoom, double-click to go back; click a name to hide or show it."
+    worst = [w.sample for w in of.worst if w.dataset == name]
+    scatter = figures.scatter(before, after, count, worst)
+    dots = len(scatter["number"])
+    some = f" {dots} of {scatter['samples']} samples, the worst among them." if dots < scatter["samples"] else ""
+    return [
+        pictures.place(strip, zoom + drawn, f"measured and calculated {of.criterion} on {name}"),
+        element(
+            "div",
+            pictures.place(scatter, f"Calculated over measured.{some}", f"calculated over measured, {name}"),
+            pictures.place(figures.histograms(before, after), "How the errors are spread.", f"errors on {name}"),
+            class_="row two",
+        ),
+    ]
+
+
+def residuals(subject: Subject, pictures: Pictures) -> Html:
+    """The errors by dataset, time and cell, and the worst samples."""
+    return element("div", [_of_criterion(subject, number, of, pictures) for number, of in subject.numbered])
+
+
+def _of_criterion(subject: Subject, number: int, of: Residuals, pictures: Pictures) -> Html:
+    several = len(subject.problem.criteria) > 1
+    memories = [
+        pictures.place(
+            figures.autocorrelation(of, row.dataset),
+            f"{row.dataset}: correlation of the error with itself later. Errors without memory stay in the grey band; "
+            f"{row.samples} samples tell as much as {shown(row.autocorrelation.independent, 3)} independent ones.",
+            f"autocorrelation of the errors on {row.dataset}",
+        )
+        for row in of.summaries
+        if row.autocorrelation is not None
+    ]
+    maps = [
+        pictures.place(
+            figures.cells([c for c in of.cells if c.parameter == name], subject.parameters[name], of.unit, inputs),
+            f"Mean error by cell of {name}; point at a cell for its RMSE and its samples.",
+            f"errors by cell of {name}",
+        )
+        for name, inputs in {c.parameter: subject.inputs(c.parameter) for c in of.cells}.items()
+    ]
+    return element(
+        "div",
+        element("h3", f"{of.criterion} against {of.target}") if several else None,
+        element("h4", "By dataset"),
+        _summary_table(of),
+        note(_how_scaled(of)),
+        [element("h4", "In time"), element("div", memories, class_="row two")] if memories else None,
+        [element("h4", "By cell of a table"), _folded(maps)] if maps else None,
+        element("h4", "The worst samples"),
+        note("Of neighbours in time whose errors have one sign, only the worst is listed.") if memories else None,
+        _worst_table(of),
+    )
+
+
+def _folded(maps: Sequence[Html | None]) -> list[Child]:
+    """The first pictures, and the others folded away."""
+    first, rest = maps[:6], maps[6:]
+    shown_first = element("div", first, class_="row two")
+    return (
+        [shown_first, details(f"{len(rest)} more tables", element("div", rest, class_="row two"))]
+        if rest
+        else [shown_first]
+    )
+
+
+def _how_scaled(of: Residuals) -> str:
+    s = with_unit(of.deviation, of.unit)
+    if of.scaling == "studentized":
+        return (
+            f"Errors are model minus measurement. Scaled errors are studentized: divided by s sqrt(1 - h), where "
+            f"s = {s} is their standard deviation over the training data and h the leverage of the sample. "
+            "Of normal errors, 0.27 % are beyond 3."
+        )
+    return (
+        f"Errors are model minus measurement. Scaled errors are standardised: divided by {s}, their root mean square "
+        "over the training data. Of normal errors, 0.27 % are beyond 3."
+    )
+
+
+def _summary_table(of: Residuals) -> Html:
+    head = ["dataset", "use", "samples", "mean error", "std deviation", "RMSE", "median |error|", "95 % below"]
+    head += ["max |error|", "median relative", "scaled beyond 3"]
+    rows = [
+        [
+            *(row.dataset, row.use, str(row.samples)),
+            # a mean that is rounding noise would look like a finding
+            shown(0.0 if abs(row.mean) < 1e-4 * row.rmse else row.mean),
+            *(shown(x) for x in (row.deviation, row.rmse, row.median, row.percentile_95, row.largest)),
+            *(percent(row.relative), percent(row.beyond)),
+        ]
+        for row in of.summaries
+    ]
+    return table(head, rows, words=2, class_="wide")
+
+
+def _worst_table(of: Residuals) -> Html:
+    timed = any(w.time is not None for w in of.worst)
+    inputs = list(dict.fromkeys(name for w in of.worst for name in w.inputs))
+    head = ["dataset", "use", "sample", *(["recording", "time [s]"] if timed else [])]
+    head += ["measured", "calculated", "error", "relative", "scaled", *inputs]
+    return table(head, [_worst_row(w, inputs, timed=timed) for w in of.worst], words=2, class_="wide")
+
+
+def _worst_row(worst: WorstSample, inputs: Sequence[str], *, timed: bool) -> list[str]:
+    place = [str(worst.piece + 1), recorded(worst.time)] if timed else []
+    return [
+        *(worst.dataset, worst.use, str(worst.sample), *place, recorded(worst.measured), shown(worst.model, 5)),
+        *(shown(worst.error), percent(worst.relative), shown(worst.scaled, 3)),
+        *(recorded(worst.inputs[name]) for name in inputs),
+    ]

@@ -1,0 +1,154 @@
+"""The linear mean below a Gaussian process: an offset and a slope an input, about which nothing is known beforehand.
+
+Centres that stand for many points.
+
+The squared-exponential kernel with one length scale an input (automatic relevance determination).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+
+__all__ = ["Plane", "bells", "bend_by_lengths", "factor", "greedy", "k_means"]
+
+RANK = 1e-10  # share of the largest singular value below which inputs move together
+
+ROUNDS = 30
+LEFT = 1e-7  # share of the variance that is not worth another centre
+
+JITTER = 1e-8  # share of the kernel's variance
+MOST_JITTER = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Orthonormal directions of the planes over some points.
+
+    Inputs that move together leave the plane undetermined across them; there it stays level.
+    """
+
+    basis: Float  # Float[points, rank]
+    back: Float  # Float[1 + inputs, rank]: from coefficients of the basis to offset and slopes
+
+    @classmethod
+    def over(cls, x: Float) -> "Plane":
+        """The planes over points Float[points, inputs]."""
+        u, s, v = np.linalg.svd(_columns(x), full_matrices=False)
+        keep = s > RANK * s[0]
+        return cls(u[:, keep], v[keep].T / s[keep])
+
+    @property
+    def rank(self) -> int:
+        """How many directions there are."""
+        return int(self.basis.shape[1])
+
+    def without(self, values: Float) -> Float:
+        """What of Float[points, ...] is no plane."""
+        rest: Float = values - self.basis @ (self.basis.T @ values)
+        return rest
+
+    def at(self, x: Float) -> Float:
+        """The basis at other points: Float[points, rank]."""
+        values: Float = _columns(x) @ self.back
+        return values
+
+
+def _columns(x: Float) -> Float:
+    return np.column_stack([np.ones(len(x)), x])
+
+
+def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
+    """Indices of points, each the one about which those before leave most open.
+
+    `x` Float[points, inputs] in the units of `lengths`. It is the pivoted Cholesky factorisation of the kernel matrix
+    (D. R. Burt, C. E. Rasmussen, M. van der Wilk: Convergence of Sparse Variational Inference in Gaussian Processes
+    Regression, 2020), and ends early once the share of the variance left open is below `left` everywhere.
+    """
+    scaled = x / lengths
+    square = 0.5 * np.einsum("id,id->i", scaled, scaled)
+    opened = np.ones(len(x))
+    first = int(np.argmin(np.sum((scaled - scaled.mean(0)) ** 2, axis=1)))
+    rows = np.empty((min(count, len(x)), len(x)))
+    chosen: list[int] = []
+    pivot = first
+    for k in range(len(rows)):
+        if opened[pivot] <= left:
+            break
+        near = np.exp(np.minimum(scaled @ scaled[pivot] - square - square[pivot], 0.0))
+        near -= rows[:k, pivot] @ rows[:k]
+        rows[k] = near / np.sqrt(opened[pivot])
+        opened -= rows[k] ** 2
+        opened[pivot] = 0.0
+        chosen.append(pivot)
+        pivot = int(np.argmax(opened))
+    return np.array(chosen, dtype=np.int64)
+
+
+def k_means(x: Float, count: int, seed: int) -> Float:
+    """Means of `count` groups of points: Float[points, inputs] -> Float[count, inputs]; fewer where points are equal.
+
+    Lloyd's algorithm, begun with k-means++ (D. Arthur, S. Vassilvitskii, 2007).
+    """
+    rng = np.random.default_rng(seed)
+    centres = _scattered(x, count, rng)
+    for _ in range(ROUNDS):
+        group = np.argmin(_distances(x, centres), axis=1)
+        members = np.bincount(group, minlength=len(centres))
+        sums = np.stack([np.bincount(group, x[:, d], len(centres)) for d in range(x.shape[1])], axis=1)
+        moved = np.where(members[:, None] > 0, sums / np.maximum(members, 1)[:, None], centres)
+        if np.array_equal(moved, centres):
+            break
+        centres = moved
+    return centres
+
+
+def _scattered(x: Float, count: int, rng: np.random.Generator) -> Float:
+    centres = [x[rng.integers(len(x))]]
+    distance = np.sum((x - centres[0]) ** 2, axis=1)
+    while len(centres) < count and distance.max() > 0:
+        centres.append(x[rng.choice(len(x), p=distance / distance.sum())])
+        distance = np.minimum(distance, np.sum((x - centres[-1]) ** 2, axis=1))
+    return np.array(centres)
+
+
+def _distances(x: Float, centres: Float) -> Float:
+    """Squared distances less the points' own squares."""
+    distances: Float = np.einsum("id,id->i", centres, centres) - 2 * (x @ centres.T)
+    return distances
+
+
+def bells(x: Float, z: Float, lengths: Float) -> Float:
+    """exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) between points and centres: Float[points, centres]."""
+    a, b = x / lengths, z / lengths
+    exponent = a @ b.T
+    exponent -= 0.5 * np.einsum("id,id->i", a, a)[:, None]
+    exponent -= 0.5 * np.einsum("id,id->i", b, b)
+    np.minimum(exponent, 0.0, out=exponent)
+    return np.exp(exponent, out=exponent)
+
+
+def bend_by_lengths(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
+    """sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
+
+    With `weighted` = dF/dK times K, this is the derivative of F by the logarithms of the lengths.
+    """
+    a, b = x / lengths, z / lengths
+    across = np.einsum("id,id->d", a, weighted @ b)
+    bent: Float = weighted.sum(1) @ (a * a) + weighted.sum(0) @ (b * b) - 2 * across
+    return bent
+
+
+def factor(matrix: Float) -> Float:
+    """Lower Cholesky factor of a kernel matrix, with just as much added to its diagonal as that takes."""
+    jitter = JITTER
+    while True:
+        padded = matrix.copy()
+        padded.flat[:: len(matrix) + 1] += jitter
+        try:
+            return np.asarray(np.linalg.cholesky(padded), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            if jitter >= MOST_JITTER:
+                raise
+            jitter *= 10

@@ -1,0 +1,244 @@
+"""Lags chosen one after another: each time the one that most lowers the RMSE of free runs on blocks left out.
+
+Small models are trained for free run for each candidate (few centres, few steps); what is chosen is trained in full
+afterwards. Candidates are the present sample and lags that grow by a third or so, because neighbours
+say nearly the same; a lag that was chosen may then move by a sample.
+
+How smooth a dynamic model is, and how firmly it is held: chosen by free runs on blocks that training leaves out.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.rbf import Expansion
+from kennfeld.surrogate.narx_training import (
+    HORIZONS,
+    Settings,
+    free_run_rmse,
+    one_step_expansion,
+    spans,
+    train_free_run,
+)
+from kennfeld.surrogate.recursion import Lags, Run, Runs
+
+__all__ = ["MIDDLE", "Choice", "choose", "folds", "select_lags"]
+
+LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
+MIDDLE = LONGEST[1]  # where none is chosen
+HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
+BLOCKS = 6
+FEW = 3  # of them are left out in turn where there are more samples than are used
+SAMPLES = 3000  # used for choosing
+CENTRES = 60
+ITERATIONS = 6  # at most, where there are more samples than are used
+SHORTEST = 20  # samples of a block beyond the lags
+
+LAG_CENTRES = 20
+LAG_ITERATIONS = 3
+LAG_BLOCKS = 4
+LAG_SAMPLES = 2500
+LENGTH = 5.0  # length scale, in spreads, while lags are chosen
+HOLD = 300.0
+WORTH = 0.98  # a lag stays if it lowers the RMSE to this share or less
+MOST = 10
+MOST_OUTPUT = 4  # longest lag of the output among the candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """One division of the recordings."""
+
+    training: Runs
+    held_out: Runs
+    thinned: bool = False  # whether only a part of the recordings is used
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen, and the RMSE of free runs on the blocks left out, in units of the output."""
+
+    lengths: Float
+    settings: Settings
+    rmse: float
+
+
+def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES) -> list[Fold]:
+    """Divisions of the pieces that leave out one block each, with the inputs before it known.
+
+    Where there are more than `samples`, blocks are left aside evenly.
+    """
+    blocks = list(_blocks(pieces, lags, count, samples))
+    every = range(len(blocks))
+    thinned = sum(len(piece) for piece in pieces) > samples
+    if thinned:
+        every = range(0, len(blocks), max(len(blocks) // FEW, 1))
+    made = []
+    for left_out in every:
+        training = [block for i, block in enumerate(blocks) if i != left_out]
+        if training:
+            made.append(
+                Fold(Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags), thinned)
+            )
+    return made
+
+
+def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
+    """(piece, first, end) of each block: at least `count`, evenly over the pieces, about equally long."""
+    total = sum(len(piece) for piece in pieces)
+    length = max(min(total, samples) // count, lags.longest + SHORTEST)
+    cut = []
+    for i, piece in enumerate(pieces):
+        parts = max(round(len(piece) / length), 1)
+        edges = np.linspace(0, len(piece), parts + 1).astype(int).tolist()
+        cut += [(i, a, b) for a, b in pairwise(edges) if b - a > lags.longest + 5]
+    most = max(count, 2)
+    if total > samples and len(cut) > most:
+        cut = [cut[k] for k in np.unique(np.linspace(0, len(cut) - 1, most).round().astype(int))]
+    yield from cut
+
+
+def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Run]:
+    """Neighbouring blocks joined, then cut into runs of the longest horizon."""
+    joined: list[tuple[int, int, int]] = []
+    for i, first, end in blocks:
+        if joined and joined[-1][0] == i and joined[-1][2] == first:
+            joined[-1] = (i, joined[-1][1], end)
+        else:
+            joined.append((i, first, end))
+    return [pieces[i].part(*span) for i, first, end in joined for span in spans(first, end, lags, HORIZONS[-1])]
+
+
+def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:
+    i, first, end = block
+    begin = max(first - lags.longest + max(lags.output), 0)
+    return Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
+
+
+def choose(
+    divisions: Sequence[Fold],
+    lengths: Float,
+    centres: int,
+    settings: Settings,
+    report: Callable[[str], None] = lambda line: None,
+) -> Choice:
+    """The length scales and `hold` with the least RMSE over the blocks left out.
+
+    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
+    """
+    # As many steps as the training itself takes where that is affordable: to end early is to hold firmly, too.
+    most = ITERATIONS if divisions[0].thinned else settings.iterations
+    iterations = min(settings.iterations, most)
+    table = np.empty((len(LONGEST), len(HOLDS)))
+    for i, longest in enumerate(LONGEST):
+        cut = np.minimum(lengths, longest)
+        starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
+        for j, hold in enumerate(HOLDS):
+            trial = replace(settings, hold=hold, iterations=iterations, moves_centres=False)
+            table[i, j] = held_out_rmse(divisions, starts, trial)
+            report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
+    i, j = _lowest(table)
+    return Choice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
+
+
+def _lowest(table: Float) -> tuple[int, int]:
+    """Where the table, smoothed along its rows, is lowest: a single low among high ones is luck."""
+    with np.errstate(divide="ignore"):
+        logarithm = np.minimum(np.log(table), 1e3)
+    wide = np.pad(logarithm, ((0, 0), (1, 1)), mode="edge")
+    smooth = (wide[:, :-2] + 2 * wide[:, 1:-1] + wide[:, 2:]) / 4
+    i, j = np.unravel_index(int(np.argmin(smooth)), smooth.shape)
+    return int(i), int(j)
+
+
+def held_out_rmse(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:
+    """RMSE over the blocks left out, in units of the output, of models trained for free run from `starts`."""
+    squares, count = 0.0, 0
+    for fold, start in zip(divisions, starts, strict=True):
+        trained = train_free_run(start, fold.training, settings)
+        size = int(fold.held_out.scored.sum())
+        squares += size * free_run_rmse(trained, fold.held_out, settings.limits) ** 2
+        count += size
+    return float(np.sqrt(squares / max(count, 1)))
+
+
+def candidates(longest: int) -> tuple[int, ...]:
+    """0, 1, 2, 3, 4, 5, 7, 10, ... up to `longest`.
+
+    >>> candidates(20)
+    (0, 1, 2, 3, 4, 5, 7, 10, 13, 18)
+    """
+    made, lag = {0}, 1.0
+    while round(lag) <= longest:
+        made.add(round(lag))
+        lag = max(lag + 1, lag * 1.35)
+    return tuple(sorted(made))
+
+
+def select_lags(
+    pieces: Sequence[Run],
+    inputs: int,
+    settings: Settings,
+    *,
+    longest: int = 20,
+    output_lags: tuple[int, ...] | None = None,
+    input_lags: Sequence[tuple[int, ...]] | None = None,
+    report: Callable[[str], None] = lambda line: None,
+) -> Lags:
+    """Lags of the output and of each input, up to `longest` samples; those given are kept as they are.
+
+    Begins with the last output and the last sample of each input. A lag of the output is only of use if it is short:
+    up to 4 are tried.
+    """
+    reach = min(longest, max(min(len(piece) for piece in pieces) // 4, 1))
+    tried: dict[Lags, float] = {}
+
+    def score(lags: Lags) -> float:
+        if lags not in tried:
+            tried[lags] = _score(pieces, lags, settings)
+        return tried[lags]
+
+    first = [(1,)] * inputs if input_lags is None else list(input_lags)
+    best = Lags(output_lags or (1,), tuple(first))
+    for _ in range(MOST):
+        more = sorted(_more(best, reach, output_lags is None, input_lags is None), key=repr)
+        found = min(more, key=score, default=best)
+        if found is best or not score(found) <= WORTH * score(best):
+            break
+        best = found
+        report(f"lags {best.output} of the output, {best.inputs} of the inputs: {score(best):.4g} on blocks left out")
+    return best
+
+
+def _more(lags: Lags, reach: int, outputs: bool, inputs: bool) -> set[Lags]:
+    """The same with one lag more, or with one lag moved; what is given is kept."""
+    made = set()
+    if outputs:
+        made |= {Lags(chosen, lags.inputs) for chosen in _changed(lags.output, range(1, MOST_OUTPUT + 1))}
+    if inputs:
+        for j, before in enumerate(lags.inputs):
+            for chosen in _changed(before, candidates(reach)):
+                made.add(Lags(lags.output, (*lags.inputs[:j], chosen, *lags.inputs[j + 1 :])))
+    return made
+
+
+def _changed(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]]:
+    """One lag more; a lag one sample earlier or later; a single lag replaced."""
+    more = {(*lags, lag) for lag in among if lag not in lags}
+    if len(lags) == 1:
+        more |= {(lag,) for lag in among if lag not in lags}
+    for at, lag in enumerate(lags):
+        beside = {lag - 1, lag + 1} - set(lags)
+        more |= {(*lags[:at], near, *lags[at + 1 :]) for near in beside if min(among) <= near <= max(among)}
+    return more
+
+
+def _score(pieces: Sequence[Run], lags: Lags, settings: Settings) -> float:
+    lengths = np.full(lags.size, LENGTH)
+    small = replace(settings, hold=HOLD, iterations=LAG_ITERATIONS, moves_centres=False)
+    divisions = folds(pieces, lags, LAG_BLOCKS, LAG_SAMPLES)
+    starts = [one_step_expansion(fold.training, lengths, LAG_CENTRES, settings.limits) for fold in divisions]
+    return held_out_rmse(divisions, starts, small)

@@ -1,0 +1,317 @@
+"""The expansions of surrogates as parameters, which compiled code reads like those of any table.
+
+One readable JSON file for a data-driven model; its numbers come back bit for bit.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.atomic_files import write_whole
+from kennfeld.dataset import Use
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.rbf import RBF, Expansion
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, Quality, StaticSurrogate
+from kennfeld.surrogate.validity import Validity
+
+__all__ = ["Surrogate", "expansions", "read_surrogate", "recognises_surrogate", "write_surrogate"]
+
+VERSION = 1
+KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-surrogate"}
+EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
+VALIDITY = ("centres", "lengths", "threshold", "least", "most")
+REWRITE = "Train it again with `kennfeld surrogate train`."
+
+T = TypeVar("T")
+
+Surrogate = StaticSurrogate | DynamicSurrogate
+
+NUMBERS = ("rmse", "r2", "max_abs")
+
+
+def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
+    """Write a surrogate, whole or not at all. Raises `InputError` where the file cannot be written."""
+    try:
+        write_whole(Path(path), _text(_tables(surrogate)))
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(path), what, "Name another file.") from None
+
+
+def recognises_surrogate(head: str) -> bool:
+    """Whether a text begins as a stored surrogate does."""
+    return any(f'"{kind}"' in head[:200] for kind in KINDS.values())
+
+
+def read_surrogate(path: str | Path) -> Surrogate:
+    """Read what `write_surrogate` wrote. Raises `InputError` with every problem of the file."""
+    place = Path(path)
+    content = _content(place)
+    findings: list[Finding] = []
+    reader = _Reader(content, place.name, findings)
+    kind = reader.text("kind")
+    if kind and kind not in KINDS.values():
+        reader.report("kind", f"{kind!r} is no surrogate", nearest(kind, KINDS.values()) or REWRITE)
+    version = reader.number("version")
+    if version is not None and version != VERSION:
+        reader.report("version", f"{version:g} is unknown, this program knows {VERSION}", "Update kennfeld.")
+    if findings:
+        raise InputError(findings)
+    made = _dynamic(reader) if kind == KINDS["dynamic"] else _static(reader)
+    if findings or made is None:
+        raise InputError(findings)
+    return made
+
+
+def _tables(surrogate: Surrogate) -> dict[str, Any]:
+    dynamic = isinstance(surrogate, DynamicSurrogate)
+    made: dict[str, Any] = {
+        "kind": KINDS["dynamic" if dynamic else "static"],
+        "version": VERSION,
+        "name": surrogate.name,
+        "inputs": list(surrogate.inputs),
+        "output": surrogate.output,
+        "units": list(surrogate.units),
+    }
+    if isinstance(surrogate, DynamicSurrogate):
+        made |= {
+            "lags": [list(lags) for lags in surrogate.lags],
+            "output_lags": list(surrogate.output_lags),
+            "step": surrogate.step,
+            "start": surrogate.start,
+            "start_inputs": list(surrogate.start_inputs),
+            "limits": [None if math.isinf(limit) else limit for limit in surrogate.limits],
+            "stability": surrogate.stability,
+        }
+    made["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
+    made["expansion"] = {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
+    if surrogate.validity is not None:
+        made["validity"] = {name: _plain(getattr(surrogate.validity, name)) for name in VALIDITY}
+    return made
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _text(tables: Mapping[str, Any], indent: str = "") -> str:
+    """JSON with a line for each row of numbers."""
+    inner = indent + "  "
+    lines = []
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            text = _text(value, inner).strip()
+        elif isinstance(value, list) and value and isinstance(value[0], list | Mapping):
+            rows = ",\n".join(f"{inner}  {json.dumps(row, ensure_ascii=False)}" for row in value)
+            text = f"[\n{rows}\n{inner}]"
+        else:
+            text = json.dumps(value, ensure_ascii=False)
+        lines.append(f"{inner}{json.dumps(key)}: {text}")
+    return f"{indent}{{\n" + ",\n".join(lines) + f"\n{indent}}}\n"
+
+
+def _content(path: Path) -> Mapping[str, Any]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        others = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise InputError.of(
+            str(path), "there is no such file", nearest(path.name, others) or "Check the path."
+        ) from None
+    except OSError as error:
+        raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError.of(path.name, "this is no UTF-8 text", REWRITE) from None
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as error:
+        place = f"{path.name} line {error.lineno}, column {error.colno}"
+        raise InputError.of(place, f"this is no JSON: {error.msg}", f"Is it cut off? {REWRITE}") from None
+    except RecursionError:
+        raise InputError.of(path.name, "brackets are nested too deeply to be read", REWRITE) from None
+    if not isinstance(content, dict):
+        raise InputError.of(path.name, "this is no stored surrogate", REWRITE)
+    return content
+
+
+class _Reader:
+    """Typed access to one table of the file; every complaint is kept."""
+
+    def __init__(self, values: Mapping[str, Any], place: str, findings: list[Finding]) -> None:
+        self.values, self.place, self.findings = values, place, findings
+
+    def report(self, key: str, what: str, mend: str = REWRITE) -> None:
+        self.findings.append(Finding(f"{self.place} {key}".strip(), what, mend))
+
+    def get(self, key: str) -> Any:
+        if key not in self.values:
+            self.report(key, "is missing")
+        return self.values.get(key)
+
+    def text(self, key: str) -> str:
+        value = self.get(key)
+        if value is not None and not isinstance(value, str):
+            self.report(key, f"{_shown(value)} is no text")
+        return value if isinstance(value, str) else ""
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        value = self.get(key)
+        if value is not None and not (isinstance(value, list) and all(isinstance(item, str) for item in value)):
+            self.report(key, f"{_shown(value)} is no list of texts")
+        return tuple(value) if isinstance(value, list) else ()
+
+    def number(self, key: str) -> float | None:
+        value = self.get(key)
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            return float(value)
+        if key in self.values:
+            self.report(key, f"{_shown(value)} is no finite number")
+        return None
+
+    def numbers(self, key: str) -> Float | None:
+        value = self.get(key)
+        if value is None:
+            return None
+        try:
+            made = np.array(value, dtype=np.float64)
+            if not np.isfinite(made).all():
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            self.report(key, f"{_shown(value)} is no list of finite numbers")
+            return None
+        return made
+
+    def whole(self, key: str, value: Any) -> tuple[int, ...]:
+        if isinstance(value, list) and all(isinstance(item, int) and not isinstance(item, bool) for item in value):
+            return tuple(value)
+        if value is not None:
+            self.report(key, f"{_shown(value)} is no list of whole numbers")
+        return ()
+
+    def inner(self, key: str) -> "_Reader | None":
+        value = self.get(key)
+        if isinstance(value, dict):
+            return _Reader(value, f"{self.place} {key}", self.findings)
+        if value is not None:
+            self.report(key, f"{_shown(value)} is no table")
+        return None
+
+
+def _static(reader: _Reader) -> StaticSurrogate | None:
+    values = _shared(reader)
+    return _made(reader, lambda: StaticSurrogate(**values))
+
+
+def _dynamic(reader: _Reader) -> DynamicSurrogate | None:
+    values = _shared(reader)
+    lags = reader.get("lags")
+    if lags is not None and not isinstance(lags, list):
+        reader.report("lags", f"{_shown(lags)} is no list of lists")
+    rows = lags if isinstance(lags, list) else []
+    values |= {
+        "lags": tuple(reader.whole(f"lags {j + 1}", row) for j, row in enumerate(rows)),
+        "output_lags": reader.whole("output_lags", reader.get("output_lags")),
+        "step": reader.number("step"),
+        "start": reader.number("start"),
+        "start_inputs": _row(reader, "start_inputs"),
+        "limits": _limits(reader),
+        "stability": reader.text("stability"),
+    }
+    return _made(reader, lambda: DynamicSurrogate(**values))
+
+
+def _row(reader: _Reader, key: str) -> tuple[float, ...]:
+    numbers = reader.numbers(key)
+    if numbers is not None and numbers.ndim != 1:
+        reader.report(key, "is no plain list of numbers")
+        return ()
+    return () if numbers is None else tuple(numbers.tolist())
+
+
+def _shared(reader: _Reader) -> dict[str, Any]:
+    names = {"name": reader.text("name"), "inputs": reader.texts("inputs"), "output": reader.text("output")}
+    return {
+        **names,
+        "units": reader.texts("units"),
+        "quality": _quality(reader),
+        "expansion": _inner(reader, "expansion", EXPANSION, Expansion),
+        "validity": _inner(reader, "validity", VALIDITY, Validity) if "validity" in reader.values else None,
+    }
+
+
+def _made(reader: _Reader, make: Callable[[], T]) -> T | None:
+    if reader.findings:
+        return None
+    try:
+        return make()
+    except ArgumentError as error:
+        reader.report("", str(error))
+        return None
+
+
+def _inner(reader: _Reader, key: str, names: tuple[str, ...], kind: type[Any]) -> Any:
+    inner = reader.inner(key)
+    if inner is None:
+        return None
+    scalars = ("offset", "threshold")
+    values: dict[str, Any] = {name: inner.number(name) if name in scalars else inner.numbers(name) for name in names}
+    if any(value is None for value in values.values()):
+        return None
+    if key == "expansion" and not values["weights"].size:
+        empty = np.empty((0, values["slopes"].size))
+        values |= {"centres": empty, "widths": empty}
+    try:
+        return kind(**values)
+    except (ArgumentError, np.linalg.LinAlgError) as error:
+        reader.report(key, str(error))
+        return None
+
+
+def _limits(reader: _Reader) -> tuple[float, float]:
+    value = reader.get("limits")
+    good = isinstance(value, list) and len(value) == 2
+    if not good or not all(item is None or isinstance(item, int | float) for item in value):
+        if "limits" in reader.values:
+            reader.report("limits", f"{_shown(value)} must be two numbers; null is none")
+        return (-math.inf, math.inf)
+    lower, upper = value
+    return (-math.inf if lower is None else float(lower), math.inf if upper is None else float(upper))
+
+
+def _quality(reader: _Reader) -> tuple[Quality, ...]:
+    lines = reader.get("quality")
+    if lines is None:
+        return ()
+    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
+        reader.report("quality", f"{_shown(lines)} is no list of tables")
+        return ()
+    made = []
+    for i, values in enumerate(lines, 1):
+        inner = _Reader(values, f"{reader.place} quality {i}", reader.findings)
+        use, mode = inner.text("use"), inner.text("mode")
+        if use not in get_args(Use) or mode not in get_args(Mode):
+            inner.report("", f"use {use!r} or mode {mode!r} is unknown")
+            continue
+        numbers = {name: inner.number(name) if inner.get(name) is not None else math.nan for name in NUMBERS}
+        samples = int(inner.number("samples") or 0)
+        made.append(Quality(inner.text("dataset"), use, mode, samples, **numbers))  # type: ignore[arg-type]
+    return tuple(made)
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def expansions(surrogates: Iterable[Surrogate]) -> ParameterSet:
+    """One parameter a surrogate, under its name and locked: it comes with the model and is not calibrated."""
+    return ParameterSet(RBF(s.name, s.expansion, locked=True) for s in surrogates)

@@ -1,0 +1,174 @@
+"""Datasets as training takes them: complete points, or runs on an even raster.
+
+Inputs and output in units of their own spread, in which training works.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float
+from kennfeld.dataset import Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import nearest
+from kennfeld.measurement.resampling import grid, resample
+from kennfeld.rbf import Expansion
+from kennfeld.surrogate.recursion import Run
+
+__all__ = ["Scaling", "channels_missing", "checked_points", "points_of", "raster_of", "runs_of"]
+
+EVEN = 1e-3  # share of a step by which time stamps may be off
+SHORTEST = 8  # samples of a run
+
+
+def channels_missing(datasets: Sequence[Dataset], names: Sequence[str]) -> list[Finding]:
+    """A finding for each channel that a dataset does not have."""
+    return [
+        Finding(f"dataset {dataset.name}", f"channel {name} is missing", nearest(name, dataset) or "Name another file.")
+        for dataset in datasets
+        for name in names
+        if name not in dataset
+    ]
+
+
+def points_of(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float]:
+    """Points Float[points, inputs] and values Float[points]: the scored samples without a missing value."""
+    x = np.column_stack([dataset[name].values for name in inputs])
+    y = dataset[output].values
+    good = np.isfinite(x).all(axis=1) & np.isfinite(y)
+    if dataset.scored is not None:
+        good &= dataset.scored
+    if not good.any():
+        raise InputError.of(f"dataset {dataset.name}", "no sample has all inputs and the output", "Check its channels.")
+    return x[good], y[good]
+
+
+def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
+    """The step of the model in s: the one asked for, or the median step of the first recording.
+
+    Raises `InputError` for each dataset without time stamps.
+    """
+    findings = [
+        Finding(
+            f"dataset {one.name}", "a dynamic model needs time stamps", "Name the time channel `time`, or set `raster`."
+        )
+        for one in datasets
+        if one.time is None
+    ]
+    if findings:
+        raise InputError(findings)
+    if step is not None:
+        return step
+    time = datasets[0].time
+    assert time is not None
+    steps = np.concatenate([np.diff(time[piece]) for piece in datasets[0].pieces])
+    if not steps.size:
+        raise InputError.of(f"dataset {datasets[0].name}", "its pieces have one sample each", "Give longer recordings.")
+    return float(f"{np.median(steps):.9g}")
+
+
+def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Run]:
+    """The pieces on the raster of the model, cut where a value is missing for longer than the dataset's `max_gap`."""
+    made = []
+    for piece in dataset.pieces:
+        assert dataset.time is not None
+        time = dataset.time[piece]
+        at = _raster(time, step)
+        columns = [_on(dataset[name].values[piece], time, at, dataset.max_gap) for name in (*inputs, output)]
+        scored = np.ones(at.size, dtype=bool)
+        if dataset.scored is not None:
+            nearest_sample = np.clip(np.searchsorted(time, at - 0.5 * step), 0, time.size - 1)
+            scored = dataset.scored[piece][nearest_sample]
+        table = np.column_stack(columns)
+        complete: Bool = np.asarray(np.isfinite(table).all(axis=1))
+        made += [Run(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
+    return made
+
+
+def _raster(time: Float, step: float) -> Float:
+    """The time stamps themselves where they are even already."""
+    even = time.size > 1 and bool(np.abs(np.diff(time) - step).max() <= EVEN * step)
+    return time if even or time.size < 2 else grid(time, step)
+
+
+def _on(values: Float, time: Float, at: Float, max_gap: float) -> Float:
+    """A channel at the raster; NaN where it is missing for longer than `max_gap`."""
+    known = np.isfinite(values)
+    if known.all():
+        return values if at is time else resample(time, values, at)
+    if not known.any():
+        return np.full(at.size, np.nan)
+    filled = resample(time, values, at)
+    stamps = time[known]
+    after = np.searchsorted(stamps, at - 1e-9)
+    before, later = stamps[np.maximum(after - 1, 0)], stamps[np.minimum(after, stamps.size - 1)]
+    exact = np.abs(later - at) <= 1e-9
+    gap = later - before > max(max_gap, 1.5 * float(np.median(np.diff(time))))
+    return np.where(gap & ~exact, np.nan, filled)
+
+
+def _complete(good: Bool) -> list[slice]:
+    """The stretches without a missing value that are long enough to learn from."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SHORTEST]
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Mean and standard deviation of each input and of the output over the training data."""
+
+    centre: Float  # Float[inputs]
+    spread: Float  # Float[inputs], > 0
+    level: float
+    height: float  # > 0
+
+    @classmethod
+    def of(cls, x: Float, y: Float) -> "Scaling":
+        """The scaling of points Float[points, inputs] and values Float[points]; a constant output keeps its unit."""
+        height = float(y.std())
+        return cls(x.mean(0), x.std(0), float(y.mean()), height if height > 0 else 1.0)
+
+    def inward(self, x: Float) -> Float:
+        """Points in units of spread."""
+        scaled: Float = (x - self.centre) / self.spread
+        return scaled
+
+    def expansion(self, offset: float, slopes: Float, weights: Float, centres: Float, lengths: Float) -> Expansion:
+        """An expansion over scaled inputs and output, written in physical units; `lengths` as `centres`, or one row."""
+        steep = self.height * slopes / self.spread
+        return Expansion(
+            self.level + self.height * offset - float(steep @ self.centre),
+            steep,
+            self.height * weights,
+            self.centre + self.spread * centres,
+            np.broadcast_to(self.spread * lengths, centres.shape),
+        )
+
+
+def checked_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float, Float]:
+    """Points and values as arrays, after the checks that every training begins with.
+
+    Raises `ArgumentError` that names the input where shapes differ, a number is not finite, an input never changes or
+    there are too few points to fit a plane.
+    """
+    points, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if points.ndim != 2 or values.shape != points.shape[:1]:
+        raise ArgumentError(
+            f"x of shape {points.shape} and y of shape {values.shape} must be [points, inputs], [points]"
+        )
+    count, inputs = points.shape
+    named = list(names) or [f"input {d}" for d in range(inputs)]
+    if not inputs or count < inputs + 3:
+        raise ArgumentError(f"{count} points are too few for {inputs} inputs; {max(inputs, 1) + 3} are the least")
+    bad = np.flatnonzero(~np.isfinite(points).all(0))
+    if bad.size or not np.isfinite(values).all():
+        what = named[bad[0]] if bad.size else "the output"
+        raise ArgumentError(f"{what} has values that are not finite; leave those samples out")
+    constant = np.flatnonzero(~(points.std(0) > 1e-14 * np.abs(points).max(0)))
+    if constant.size:
+        first = int(constant[0])
+        raise ArgumentError(
+            f"{named[first]} is {points[0, first]:g} at every training sample; leave it out of the inputs"
+        )
+    return points, values
